@@ -309,7 +309,8 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
     if bare:
         found.append(
             f"the film draws {', '.join(bare)} as lines: {name or 'the run'} has no displacements and stresses of "
-            f"{'it' if len(bare) == 1 else 'them'}; simulate it again with frames, its notes say what else keeps them out"
+            f"{'it' if len(bare) == 1 else 'them'}; simulate it again with frames; its notes say what else keeps them "
+            "out"
         )
     return found
 

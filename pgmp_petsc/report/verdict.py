@@ -61,8 +61,9 @@ def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
         ends = [place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)]
+        words = in_words(name) if ahead else sentence_case(in_words(name))
         yield [
-            f"{ahead}{in_words(name) if ahead else sentence_case(in_words(name))} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
+            f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
 

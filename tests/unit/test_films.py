@@ -27,7 +27,6 @@ from pgmp_petsc.figures.films import Pace
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import solids
 from pgmp_petsc.figures.stage import Stage, drawing, view_of
-from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError

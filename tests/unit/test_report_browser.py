@@ -52,7 +52,8 @@ const outside = charts.flatMap((svg) => {
 const film = document.querySelector(".film");
 const slider = film.querySelector("input"), choice = film.querySelector("select");
 const shape = () => [...film.querySelectorAll(".body path")].map((path) => path.getAttribute("d")).join();
-const marks = () => [...film.closest("section.scene").querySelectorAll("line.instant")].map((line) => Number(line.getAttribute("x1")));
+const marks = () => [...film.closest("section.scene").querySelectorAll("line.instant")].map(
+  (line) => Number(line.getAttribute("x1")));
 const still = shape(), before = marks();
 slider.value = 30; slider.dispatchEvent(new Event("input"));
 const moved = shape(), after = marks();
@@ -67,7 +68,8 @@ const found = {
   loaded: performance.getEntriesByType("resource").map((item) => item.name).filter((name) => !name.startsWith("data:")),
   columns: getComputedStyle(document.querySelector(".charts")).gridTemplateColumns.split(" ").length,
 };
-const solid = document.querySelectorAll(".film")[1], frames = solid.querySelector("input"), large = solid.querySelector("select");
+const solid = document.querySelectorAll(".film")[1];
+const frames = solid.querySelector("input"), large = solid.querySelector("select");
 const seen = () => {
   const canvas = solid.querySelector("canvas"), { width, height } = canvas;
   const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
@@ -77,7 +79,10 @@ const seen = () => {
     top = Math.min(top, Math.floor(k / width)); bottom = Math.max(bottom, Math.floor(k / width));
   }
   const row = Math.round((top + bottom) / 2) - 3;
-  const colours = [0.05, 0.5, 0.93].map((share) => [...pixels.slice(4 * (row * width + left + Math.round(share * (right - left))))].slice(0, 3));
+  const colours = [0.05, 0.5, 0.93].map((share) => {
+    const at = 4 * (row * width + left + Math.round(share * (right - left)));
+    return [...pixels.slice(at, at + 3)];
+  });
   return { left: left / width, right: right / width, tall: (bottom - top) / width, colours };
 };
 found.started = Number(frames.value);
@@ -103,8 +108,9 @@ document.body.append(note);
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the page of a run, its full-order twin, an ensemble, a study, and a run of a solid; it measures itself when
-    it is opened."""
+    """Return the page of a run, its full-order twin, an ensemble, a study, and a run of a solid.
+
+    It measures itself when it is opened."""
     folder = tmp_path_factory.mktemp("browser")
     run = synthetic.trajectory("reduced", n_frames=61)
     long = warning("a warning of one very_long_word_" + "x" * 120)

@@ -1,4 +1,4 @@
-"""The film of a page: bodies are where the run has them, in the colours of its stress, and the legend has its figures."""
+"""The film of a page: bodies are where the run has them, in the colours of its stress, with the file's figures."""
 
 from __future__ import annotations
 
@@ -100,6 +100,7 @@ def test_there_is_no_film_without_frames() -> None:
 def test_surfaces_are_where_the_run_has_them(run: Trajectory) -> None:
     film = film_of(run)
     d = next(iter(run.fields.values())).nodes.shape[1]
+    view = None
     for factor in (1.0, 100.0):
         found = np.concatenate([drawn(film, number, factor) for number in range(len(run.fields))], axis=1)
         wanted = np.concatenate(
@@ -108,7 +109,7 @@ def test_surfaces_are_where_the_run_has_them(run: Trajectory) -> None:
         )
         # seen by parallel projection: one linear map for all bodies and frames, the same for both factors
         known = np.column_stack([np.ones(wanted[..., 0].size), wanted.reshape(-1, d)])
-        view = np.linalg.lstsq(known, found.reshape(-1, 3), rcond=None)[0] if factor == 1.0 else view
+        view = np.linalg.lstsq(known, found.reshape(-1, 3), rcond=None)[0] if view is None else view
         steps = 1.0 + sum(factor * entry.get("step", 0.0) for entry in film.data["bodies"])
         np.testing.assert_allclose((known @ view)[:, :2], found.reshape(-1, 3)[:, :2], atol=steps)
     turned = view[1:] / np.linalg.norm(view[1:], axis=1)[:, None]
