@@ -144,6 +144,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     packed = [_packed(body, picture, stress) for body in shown]
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
     time = frames.time[chosen]
+    bar = _bar(picture.unit)
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     legend = None if stress is None else _legend(stress, frames.time[stress.frame], name, stops)
     data: dict[str, Any] = {
@@ -152,6 +153,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         "width": SIZE,
         "height": height + FOOT,
         "start": start,
+        "bar": bar,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
         "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
         "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
@@ -172,7 +174,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         ],
         paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
         ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
-        scale=_scale(picture.unit),
+        scale=(round(bar * picture.unit), _length(bar)),
         still=still,
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
@@ -329,10 +331,13 @@ def _decimals(time: np.ndarray) -> int:
     return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
 
 
-def _scale(unit: float) -> tuple[int, str]:
-    """Return a bar of about a sixth of the picture: its length in the picture's unit and in words."""
+def _bar(unit: float) -> float:
+    """Return a round length of about a sixth of the picture, m."""
     metres = SIZE / 6.0 / unit
     power = 10.0 ** np.floor(np.log10(metres))
-    nice = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres)
-    factor, shown = axis_unit("m", np.array([nice]))
-    return round(nice * unit), f"{nice * factor:g} {shown}"
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres))
+
+
+def _length(metres: float) -> str:
+    factor, unit = axis_unit("m", np.array([metres]))
+    return f"{metres * factor:g} {unit}"

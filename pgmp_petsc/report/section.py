@@ -118,7 +118,7 @@ def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) ->
         words += ", at the nominal parameters"
     if among_samples:
         words += ": a single run, none of the samples"
-    return f"{words}. Move the slider: the charts over time show the same instant."
+    return f"{words}. Move the slider: the charts over time show the same instant. Click on a body to look closer at it."
 
 
 def _parameters(scene: Mapping[str, Any], source: Source) -> Table:

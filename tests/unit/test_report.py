@@ -214,8 +214,8 @@ def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> N
     budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
     assert budget["basis, interpolation, time step"][0] == "not known"
     assert "reduction.tolerance" in budget["basis, interpolation, time step"][1]
-    assert budget["mesh: slider_deformation"] == ["1 %", "measured: 10 cells against 40"]
-    assert budget["model: slider_deformation"][1].startswith("measured: reduced against full order")
+    assert budget["mesh: slider deformation"] == ["1 %", "measured: 10 cells against 40"]
+    assert budget["model: slider deformation"][1].startswith("measured: reduced against full order")
     assert budget["sampling: P(late)"] == ["± 9.5 percentage points", "90 % interval of 57 samples"]
     assert budget["small deformations: elastic rotation"][0] == "0.02 rad"
 
@@ -331,7 +331,7 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     verdict = words(next(with_class(tree, "verdict")))
     assert "Slider deformation is not known at any instant." in verdict and "nan" not in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
-    assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
+    assert budget["model: slider deformation"] == "not known" and budget["model: slider position"] == "0 %"
     assert headline_of_comparison(*files).startswith("differs from full order by at most 0 % of the largest slider_pos")
 
 

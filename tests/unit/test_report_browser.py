@@ -50,7 +50,7 @@ const outside = charts.flatMap((svg) => {
   }).map((text) => text.textContent);
 });
 const film = document.querySelector(".film");
-const slider = film.querySelector("input"), choice = film.querySelector("select");
+const slider = film.querySelector("input"), choice = film.querySelector("select.factor");
 const shape = () => [...film.querySelectorAll(".body path")].map((path) => path.getAttribute("d")).join();
 const marks = () => [...film.closest("section.scene").querySelectorAll("line.instant")].map(
   (line) => Number(line.getAttribute("x1")));
@@ -69,7 +69,7 @@ const found = {
   columns: getComputedStyle(document.querySelector(".charts")).gridTemplateColumns.split(" ").length,
 };
 const solid = document.querySelectorAll(".film")[1];
-const frames = solid.querySelector("input"), large = solid.querySelector("select");
+const frames = solid.querySelector("input"), large = solid.querySelector("select.factor");
 const seen = () => {
   const canvas = solid.querySelector("canvas"), { width, height } = canvas;
   const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
@@ -99,6 +99,22 @@ large.value = large.options[large.options.length - 1].value; large.dispatchEvent
 frames.value = 3; frames.dispatchEvent(new Event("input"));
 found.factor = Number(large.value);
 found.bent = seen();
+large.value = "1"; large.dispatchEvent(new Event("change"));
+const zoom = solid.querySelector("select.zoom"), bar = () => solid.querySelector(".scale text").textContent;
+found.bars = [bar()];
+zoom.value = "2"; zoom.dispatchEvent(new Event("change"));
+found.bars.push(bar());
+found.closer = seen();
+found.box = solid.querySelector(".mechanism").getAttribute("viewBox").split(" ").map(Number);
+dispatchEvent(new Event("beforeprint"));
+found.whole = seen();
+dispatchEvent(new Event("afterprint"));
+zoom.value = "1"; zoom.dispatchEvent(new Event("change"));
+const stage = solid.querySelector(".stage"), place = stage.getBoundingClientRect();
+stage.dispatchEvent(new MouseEvent("click", {
+  clientX: place.left + found.seen.left * place.width, clientY: place.top + 0.5 * place.height,
+}));
+found.clicked = [zoom.value, seen()];
 const note = document.createElement("pre");
 note.id = "found"; note.textContent = JSON.stringify(found);
 document.body.append(note);
@@ -197,6 +213,18 @@ def test_a_solid_is_where_it_is_in_its_colours(opened: tuple[dict, str]) -> None
     assert found["largest"] == "0 MPa"
     # enlarged by 1e-3 of the length for every unit of the factor, less what it is bent by already
     assert found["bent"]["tall"] - last["tall"] == pytest.approx((found["factor"] - 1) * 1e-3 * length, rel=0.1)
+
+
+def test_one_can_look_closer(opened: tuple[dict, str]) -> None:
+    """A closer look goes along with the node of the largest stress, the right end, or with what one points at."""
+    found, _ = opened
+    pixels = 3.0 / 390.0
+    assert found["bars"] == ["0.2 m", "0.1 m"]
+    assert found["box"][2] == 5000.0 and found["closer"]["right"] == pytest.approx(0.5, abs=pixels)
+    factor, at_left_end = found["clicked"]
+    assert factor == "5" and at_left_end["left"] == pytest.approx(0.5, abs=pixels) and at_left_end["right"] > 0.99
+    # paper has all of it
+    assert found["whole"]["right"] == found["seen"]["right"] and found["whole"]["left"] == found["seen"]["left"]
 
 
 def test_paper_has_the_instant_of_the_largest_stress(opened: tuple[dict, str]) -> None:

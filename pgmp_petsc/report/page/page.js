@@ -3,14 +3,16 @@ for (const film of document.querySelectorAll(".film")) {
   const section = film.closest("section.scene");
   const controls = film.querySelector(".controls");
   const slider = controls.querySelector("input"), button = controls.querySelector("button");
-  const clock = controls.querySelector("output"), choice = controls.querySelector("select");
+  const clock = controls.querySelector("output");
+  const choice = controls.querySelector("select.factor"), zoom = controls.querySelector("select.zoom");
+  const stage = film.querySelector(".stage"), pictures = [...stage.querySelectorAll("svg")];
   const shapes = data.bodies.map((body) => new Shape(body, data.time.length));
   const lines = shapes.filter((shape) => !shape.triangles);
   const groups = [...film.querySelectorAll(".body")];
   const palette = data.stops && paletteOf(data.stops);
   const canvas = film.querySelector("canvas");
   const surfaces = canvas && new Surfaces(canvas, shapes, data.width, data.height, palette);
-  if (canvas) film.querySelector(".stage").classList.add("live");
+  if (canvas) stage.classList.add("live");
   const now = film.querySelector(".legend .now"), printed = [...film.querySelectorAll(".instant span")];
   if (now) now.hidden = false;
   const charts = [...section.querySelectorAll("figure[data-axis]")].map((figure) => {
@@ -44,10 +46,50 @@ for (const film of document.querySelectorAll(".film")) {
       circle.setAttribute("cy", Math.round(p[3 * nodes[k] + 1]));
     });
   };
+  // the node that a closer look goes along with: of the largest stress, or nearest to a place
+  const nearest = (x, y, frame, factor) => {
+    let found = null, least = Infinity;
+    for (const shape of shapes) {
+      const p = shape.at(frame, factor);
+      for (let k = 0; k < shape.n; k++) {
+        const far = Math.hypot(p[3 * k] - x, p[3 * k + 1] - y);
+        if (far < least) [found, least] = [{ shape, node: k }, far];
+      }
+    }
+    return found;
+  };
+  const hottest = () => {
+    let found = null, most = -1;
+    for (const shape of shapes)
+      for (let k = 0; shape.shades && k < shape.n; k++) {
+        const shade = shape.shade(data.start, k);
+        if (shade < 255 && shade > most) [found, most] = [{ shape, node: k }, shade];
+      }
+    return found ?? nearest(data.width / 2, data.height / 2, data.start, 1);
+  };
+  let target = hottest();
+  const lengthText = (metres) => {
+    const [factor, unit] = metres >= 0.1 ? [1, "m"] : metres >= 1e-4 ? [1e3, "mm"] : [1e6, "µm"];
+    return `${Number((metres * factor).toPrecision(3))} ${unit}`;
+  };
+  const grounds = [...film.querySelectorAll(".ground path")].map((path) => [path, path.getAttribute("d").split("l")[0]]);
+  const look = (frame, factor) => {
+    const closer = Number(zoom.value), width = data.width / closer, height = data.height / closer;
+    const p = closer > 1 ? target.shape.at(frame, factor).subarray(3 * target.node) : null;
+    const [x, y] = p ? [p[0] - width / 2, p[1] - height / 2] : [0, 0];
+    for (const picture of pictures) picture.setAttribute("viewBox", `${x} ${y} ${width} ${height}`);
+    const bar = film.querySelector(".scale");
+    bar.setAttribute("transform", `translate(${x} ${y}) scale(${1 / closer})`);
+    bar.querySelector("text").textContent = lengthText(data.bar / closer);
+    for (const circle of film.querySelectorAll("circle")) circle.style.r = `${(circle.getAttribute("r") * 1) / closer}px`;
+    for (const [path, from] of grounds) path.setAttribute("d", `${from}l${-150 / closer} ${250 / closer}h${300 / closer}z`);
+    return { x, y, width };
+  };
   const draw = () => {
     const frame = Number(slider.value), factor = choice ? Number(choice.value) : 1, time = data.time[frame];
+    const seen = look(frame, factor);
     lines.forEach((shape, number) => drawLine(shape, groups[number], frame, factor));
-    if (surfaces) surfaces.draw(frame, factor);
+    if (surfaces) surfaces.draw(frame, factor, seen);
     clock.textContent = `${time.toFixed(data.decimals)} s`;
     printed[0].textContent = clock.textContent;
     printed[1].textContent = factor;
@@ -79,11 +121,20 @@ for (const film of document.querySelectorAll(".film")) {
   });
   slider.addEventListener("input", () => { if (running !== null) stop(); draw(); });
   if (choice) choice.addEventListener("change", draw);
+  zoom.addEventListener("change", draw);
+  stage.addEventListener("click", (event) => {
+    const frame = Number(slider.value), factor = choice ? Number(choice.value) : 1;
+    const box = stage.getBoundingClientRect(), seen = look(frame, factor), unit = seen.width / box.width;
+    target = nearest(seen.x + (event.clientX - box.left) * unit, seen.y + (event.clientY - box.top) * unit, frame, factor);
+    if (zoom.value === "1") zoom.value = "5";
+    draw();
+  });
   addEventListener("resize", draw);
-  // paper has one picture, that of the largest stress
+  // paper has one picture, all of that of the largest stress
   let before = null;
-  addEventListener("beforeprint", () => { stop(); before = slider.value; slider.value = data.start; draw(); });
-  addEventListener("afterprint", () => { if (before !== null) { slider.value = before; draw(); } });
+  const show = (frame, closer) => { [slider.value, zoom.value] = [frame, closer]; draw(); };
+  addEventListener("beforeprint", () => { stop(); before = [slider.value, zoom.value]; show(data.start, "1"); });
+  addEventListener("afterprint", () => { if (before) show(...before); });
   controls.hidden = false;
   draw();
 }

@@ -51,7 +51,7 @@ const css = (colour) => `rgb(${colour.map(Math.round).join()})`;
 
 class Surfaces {
   constructor(canvas, shapes, width, height, palette) {
-    Object.assign(this, { canvas, width, palette, ratio: height / width });
+    Object.assign(this, { canvas, palette, ratio: height / width });
     this.shapes = shapes.filter((shape) => shape.triangles);
     this.context = canvas.getContext("2d", { willReadFrequently: true }); // pixels are made here, not on a card
   }
@@ -66,15 +66,20 @@ class Surfaces {
     this.depth = new Float32Array(this.pixels.length);
     this.drawn = new Uint8Array(this.pixels.length);
   }
-  draw(frame, factor) {
+  // what of the picture is seen: its left upper corner and its width
+  draw(frame, factor, seen) {
     this.resize();
     this.pixels.fill(0);
     this.depth.fill(-Infinity);
     this.drawn.fill(0);
-    const scale = this.image.width / this.width;
+    const scale = this.image.width / seen.width;
     for (const shape of this.shapes) {
       const places = shape.at(frame, factor);
-      for (let k = 0; k < places.length; k++) places[k] *= scale;
+      for (let k = 0; k < places.length; k += 3) {
+        places[k] = (places[k] - seen.x) * scale;
+        places[k + 1] = (places[k + 1] - seen.y) * scale;
+        places[k + 2] *= scale;
+      }
       for (let t = 0; t < shape.triangles.length; t += 3) this.triangle(shape, frame, t);
     }
     for (const shape of this.shapes) this.edges(shape, 6 * scale);
