@@ -128,7 +128,9 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
             size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
             size.append("" if unit == "1" else f" {unit}")
-            yield Line(f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples")
+            yield Line(
+                f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
+            )
 
 
 def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:

@@ -288,7 +288,7 @@ def _legend(stress: Stress, time: float, name: str, stops: list[str]) -> Legend:
     factor, unit = axis_unit("Pa", np.array([stress.largest]))
     largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
                     stress.index)  # fmt: skip
-    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body}, {time:.4g} s")
+    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} at {time:.4g} s")
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:

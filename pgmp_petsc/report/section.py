@@ -14,7 +14,7 @@ from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error
 from pgmp_petsc.report.charts import Chart, Curve
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words
 from pgmp_petsc.report.downloads import Download, downloads_of
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import Build, Source
@@ -22,6 +22,7 @@ from pgmp_petsc.report.verdict import verdict
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.runtime.files import KINDS
 
+MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
 MOST_CURVES = 7
 MOST_FAILED = 20
 SAME = 1e-12  # share of a quantity within which its samples count as equal: some digits above round-off
@@ -104,7 +105,7 @@ def section_of(sources: Sequence[Source]) -> Section:
 
 def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
     """Return what is seen in the film: which run, and where its parameters are not those of the scene."""
-    words = f"{sentence_case(MODELS[source.result.model])} model, {source.name}"
+    words = f"{MODEL_WORDS[source.result.model]}, {source.name}"
     nominal = {name: entry.get("nominal") for name, entry in scene.get("parameters", {}).items()}
     units = {name: str(entry.get("unit", "1")) for name, entry in scene.get("parameters", {}).items()}
     other = [
@@ -118,7 +119,7 @@ def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) ->
         words += ", at the nominal parameters"
     if among_samples:
         words += ": a single run, none of the samples"
-    return f"{words}. Move the slider: the charts over time show the same instant. Click on a body to look closer at it."
+    return words
 
 
 def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
@@ -199,7 +200,7 @@ def _statistics(source: Source, several: bool) -> Table:
         std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
         rows.append([[title], mean, std, [place.datum("count", s.count, str(s.count))], *quantiles])
     of = f"{source.name}: " if several else ""
-    note = f"{of}{MODELS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
+    note = f"{of}{MODEL_WORDS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
     return Table(head, rows, note)
 
 

@@ -140,7 +140,7 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "run.h5") as file:
         largest = max(np.max(values[()]) for values in file["fields/block/at_nodes/von_mises"].values())
         assert float(found[1]) == file[found[2]][int(found[3])] == largest
-    assert "largest: block, 1 s" in legend and "Largest von Mises stress <data" in page
+    assert "largest: in block at 1 s" in legend and "Largest von Mises stress <data" in page
     assert page.count("base, rigid") == 1  # what is grey has a key
     assert "http:" not in page and "https:" not in page
     # the page's tables of numbers are within its content policy
@@ -234,13 +234,13 @@ def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("r1", "many", "said"),
     [
-        (5.6e-3, True, "run.h5, at the nominal parameters: a single run, none of the samples."),
-        (6e-3, True, "run.h5, at r1 = 6 mm (nominally 5.6 mm): a single run, none of the samples."),
-        (6e-3, False, "run.h5, at r1 = 6 mm (nominally 5.6 mm)."),
-        (5.6e-3, False, "run.h5."),
+        (5.6e-3, True, "run.h5, at the nominal parameters: a single run, none of the samples"),
+        (6e-3, True, "run.h5, at r1 = 6 mm (nominally 5.6 mm): a single run, none of the samples"),
+        (6e-3, False, "run.h5, at r1 = 6 mm (nominally 5.6 mm)"),
+        (5.6e-3, False, "run.h5"),
     ],
 )
 def test_the_film_says_of_which_run_it_is(r1: float, many: bool, said: str, tmp_path: Path) -> None:
     run = synthetic.trajectory("full", r1, n_frames=3, n_times=11)
     source = Source("run.h5", run, "1", tmp_path)
-    assert film_words(source, scene_of(run.record), many).startswith(f"Full order model, {said} Move the slider")
+    assert film_words(source, scene_of(run.record), many) == f"Full-order model, {said}"
