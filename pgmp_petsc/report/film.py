@@ -179,7 +179,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
             for body, colour in zip(shown, colours)
-            if body.values is None
+            if body.values is None or stress is None
         ],
         legend=legend,
         data=data,

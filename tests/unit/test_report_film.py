@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import html5lib
 import matplotlib
 import numpy as np
 import pytest
@@ -133,6 +134,7 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
     block_run().write(tmp_path / "run.h5")
     write_report([tmp_path / "run.h5"], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    html5lib.HTMLParser(strict=True).parse(page)
     legend = page[page.index('<div class="legend">') :]
     found = re.search(
         r'<data value="([^"]+)" data-file="run.h5" data-path="([^"]+)" data-index="(\d+)">3</data> MPa', legend

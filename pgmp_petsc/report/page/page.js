@@ -12,7 +12,7 @@ for (const film of document.querySelectorAll(".film")) {
   const palette = data.stops && paletteOf(data.stops);
   const canvas = film.querySelector("canvas");
   const surfaces = canvas && new Surfaces(canvas, shapes, data.width, data.height, palette);
-  if (canvas) stage.classList.add("live");
+  film.classList.add("live");
   const now = film.querySelector(".legend .now"), printed = [...film.querySelectorAll(".instant span")];
   if (now) now.hidden = false;
   const charts = [...section.querySelectorAll("figure[data-axis]")].map((figure) => {
