@@ -144,7 +144,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
-    notes += _uncoloured(skins, run.fields, colour)
+    notes += uncoloured(run.fields, colour)
     if colour == "mises" and run.model == "reduced":
         notes += filter(None, [truncated(run.record.scene_toml)])
     skins, quantity, largest, peak = in_unit(skins, colour, "Pa" if colour == "mises" else "m")
@@ -202,7 +202,7 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     if colour != "none" and not largest > 0.0:
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
     skins = [skin if skin.values is None else replace(skin, values=skin.values / largest) for skin in skins]
-    notes = [*shape.notes, *_uncoloured(skins, shape.fields, colour)]
+    notes = [*shape.notes, *uncoloured(shape.fields, colour)]
     what = f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}"
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
@@ -270,11 +270,11 @@ VALUES: dict[str, Callable[[BodyField], np.ndarray | None]] = {
 }
 
 
-def _uncoloured(skins: list[Skin], fields: Mapping[str, BodyField], colour: str) -> list[str]:
+def uncoloured(fields: Mapping[str, BodyField], colour: str = "mises") -> list[str]:
     """Say what the colours leave out."""
     if colour != "mises":
         return []
-    unknown = [skin.name for skin in skins if skin.name in fields and not skin.rigid and skin.values is None]
+    unknown = [name for name, own in fields.items() if not own.rigid and _mises(own) is None]
     beams = any(own.kind == "line" and "stress_max" in own.at_nodes for own in fields.values())
     said = [f"{', '.join(unknown)}: sections given by coefficients have no stresses"] if unknown else []
     return [*said, "stress of beams: in the outermost fibres, without shear and torsion"] if beams else said

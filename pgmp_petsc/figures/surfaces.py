@@ -89,3 +89,42 @@ def normals(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     around = nodes[faces] - nodes[faces[:, :1]]
     areas = np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1)
     return areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
+
+
+def coarsened(
+    nodes: np.ndarray, triangles: np.ndarray, weights: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes that stand for all others of a surface, and its triangles between these.
+
+    Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
+    approximations for rendering complex scenes, 1993).
+
+    Parameters
+    ----------
+    nodes
+        Shape (n_nodes, d).
+    triangles
+        Shape (n_triangles, 3).
+    weights
+        Shape (n_nodes,).
+    most
+        Nodes that are kept at most.
+    """
+    corners = nodes[triangles]
+    sides = np.zeros((len(triangles), 2, 3))
+    sides[..., : nodes.shape[1]] = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
+    size = np.sqrt(area / most)
+    while True:
+        cubes = np.floor((nodes - nodes.min(axis=0)) / size).astype(np.int64)
+        _, cube = np.unique(cubes, axis=0, return_inverse=True)
+        cube = cube.reshape(-1)
+        if cube.max() < most:
+            break
+        size *= 1.2
+    order = np.lexsort((weights, cube))
+    kept = order[np.append(np.diff(cube[order]) > 0, True)]
+    found = cube[triangles]
+    alive = (found[:, 0] != found[:, 1]) & (found[:, 1] != found[:, 2]) & (found[:, 2] != found[:, 0])
+    _, first = np.unique(np.sort(found[alive], axis=1), axis=0, return_index=True)
+    return kept, found[alive][np.sort(first)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.figures.trajectories import Comparison
-from pgmp_petsc.report.datum import Datum, Sentence, share_text
+from pgmp_petsc.report.datum import Datum, Sentence, in_words, share_text
 from pgmp_petsc.report.sources import Build, Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.errors import VALIDITY, limits_of
@@ -104,14 +104,16 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
     models = {source.result.model for source in sources if isinstance(source.result, (Trajectory, Ensemble))}
     if error is not None and error.worst is not None:
         for name, share in sorted(error.shares.items(), key=lambda item: -np.nan_to_num(item[1], nan=-1.0)):
-            yield Line(f"model: {name}", [error.datums[name]] if np.isfinite(share) else [], error.how)
+            yield Line(f"model: {in_words(name)}", [error.datums[name]] if np.isfinite(share) else [], error.how)
     elif "reduced" in models:
-        how = "not known: no run of a better model is here, and errors were not estimated; see the notes for the reason"
+        how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
     elif models:
         kinds = " and ".join(MODELS[model] for model in sorted(models))
-        yield Line("model", ["none"], f"{kinds}: nothing was reduced" if models == {"full"} else
-                   f"not known of {kinds}: add a full-order run of the same scene")  # fmt: skip
+        if models == {"full"}:
+            yield Line("model", ["none"], f"{kinds}: nothing was reduced")
+        else:
+            yield Line("model", [], f"add a full-order run of the same scene: nothing tells it of {kinds}")
     for source in sources:
         result = source.result
         if not isinstance(result, Ensemble):
@@ -126,7 +128,9 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
             size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
             size.append("" if unit == "1" else f" {unit}")
-            yield Line(f"model, in samples: {name}", size, f"estimated for {known.size} of {len(values)} samples")
+            yield Line(
+                f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
+            )
 
 
 def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
@@ -144,7 +148,7 @@ def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
         how = f"measured at the build{allowed}: {last.where}"
         yield Line(words, [Datum(last.largest, share_text(last.largest))], how)
     if unknown:
-        how = "not known apart from the others: build with reduction.tolerance, or add a file of pgmp tradeoff"
+        how = "not known apart from each other: build with reduction.tolerance, or add a file of pgmp tradeoff"
         yield Line(", ".join(unknown), [], how)
 
 
@@ -158,9 +162,9 @@ def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
                 value = float(mesh.errors[own[0], column])
                 datum = Datum(value, share_text(value), source.name, "/mesh/errors", f"{own[0]},{column}")
                 how = f"measured: {mesh.cells[own[0]]} cells against {mesh.cells[-1]}"
-                yield Line(f"mesh: {name}", [datum], how)
+                yield Line(f"mesh: {in_words(name)}", [datum], how)
             return
-    yield Line("mesh", [], "not known: pgmp tradeoff measures it for meshes of lines; compare solids with a finer mesh")
+    yield Line("mesh", [], "pgmp tradeoff measures it for meshes of lines; compare solids with a finer mesh")
 
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
@@ -180,7 +184,7 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
                 size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]
                 how = f"{percent(s.confidence)} interval of {s.count} samples"
-                yield Line(f"sampling: mean of {name}", size, how)
+                yield Line(f"sampling: mean of {in_words(name)}", size, how)
 
 
 def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import matplotlib
 import numpy as np
@@ -44,6 +44,8 @@ class Chart:
         instants (s) at both ends; empty for others.
     output
         Name of the output that it shows, where it shows one over time.
+    factor, unit
+        Of that output: the picture's unit, and how many of it the file's unit is.
     """
 
     svg: str
@@ -51,6 +53,8 @@ class Chart:
     caption: str = ""
     axis: tuple[float, ...] = ()
     output: str = ""
+    factor: float = 1.0
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,8 @@ def output_over_time(
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
         caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
-    return chart(draw, in_words(name), caption, over_time=True, output=name)
+    drawn = chart(draw, in_words(name), caption, over_time=True, output=name)
+    return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
 
 
 def _first_of(curves: Sequence[Curve], number: int) -> bool:
@@ -253,7 +258,8 @@ def energies(run: Trajectory, balance: Balance) -> Chart:
 
     def draw(axes: Axes) -> None:
         for number, (name, values) in enumerate(curves.items()):
-            style = "-" if number < len(PALETTE) else (0, (4, 2))
+            # the work of a drive often is the kinetic energy: dashes show what lies below
+            style = (0, (4, 2)) if name.startswith("work of") else "-"
             colour = "#A32A00" if name == "residual" else PALETTE[number % len(PALETTE)]
             axes.plot(run.time, factor * values, color=colour, linestyle=style, linewidth=1.2, label=name)
         axes.set_ylabel(f"energy ({unit})")

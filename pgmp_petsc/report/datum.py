@@ -83,3 +83,8 @@ def share_text(share: float) -> str:
 def in_words(name: str) -> str:
     """Return ``slider deformation, max`` for ``slider_deformation.max``."""
     return name.replace("_", " ").replace(".", ", ")
+
+
+def sentence_case(text: str) -> str:
+    """Return a text with a capital letter first."""
+    return text[:1].upper() + text[1:]

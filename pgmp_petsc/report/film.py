@@ -1,29 +1,63 @@
-"""The film of a run: shapes of the mechanism at its frames, as whole numbers for the page's script.
+"""The film of a run: shapes of the mechanism at its frames, as numbers for the page's script.
 
-The picture is `SIZE` units wide. A body's deformation is kept apart from its rigid shape where it can be enlarged: the
-page then shows ``rigid + factor * deformation``.
+The picture is `SIZE` units wide. A body is where a rigid motion takes its undeformed nodes X, and bends from there:
+``x = p + D X + factor * u``, with the rows p, D to the right, up and towards the eye. The page enlarges u alone.
 """
 
 from __future__ import annotations
 
+import base64
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.colors import to_hex
 
-from pgmp_petsc.figures.shapes import AT_REST, Shapes, ends
+from pgmp_petsc.figures.motion import WORDS, uncoloured
+from pgmp_petsc.figures.shapes import AT_REST, FLAT, ends
+from pgmp_petsc.figures.stage import COLOURS, PLAIN, RIGID, view_of
 from pgmp_petsc.figures.style import PALETTE, axis_unit
+from pgmp_petsc.report.bodies import FilmBody, Stress, bodies_of, meshed_bodies, stress_of
+from pgmp_petsc.report.datum import Datum
+from pgmp_petsc.report.still import still_of
 from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results.body_fields import truncated
 
 SIZE = 10_000
 MOST_FRAMES = 241
-# What is left of 16 MB for shapes on a page: more nodes mean fewer frames.
-MOST_NUMBERS = 1_500_000
+# Of the shapes on a page, which base64 makes 4/3 of: more nodes mean fewer frames.
+MOST_BYTES = 1_500_000
 TALLEST, FLATTEST = 1.1, 0.28  # of the picture over its width
 FOOT = 600  # below the mechanism, for the bar of the scale
-# An enlarged deformation may reach this share of the mechanism's size.
+# An enlarged deformation may reach this share of the picture's height.
 LARGEST_SHOWN = 0.3
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
+N_STOPS = 33  # colours that the page interpolates between
+SHADES = 254  # of stress from zero to the largest one; one more number says that it is not known
+
+
+@dataclass(frozen=True)
+class Legend:
+    """What colours mean.
+
+    Attributes
+    ----------
+    words, unit
+        Of the quantity.
+    stops
+        Colours from zero to the largest value.
+    largest
+        Of the whole run.
+    where
+        Body and instant of it.
+    """
+
+    words: str
+    unit: str
+    stops: list[str]
+    largest: Datum
+    where: str
 
 
 @dataclass(frozen=True)
@@ -34,116 +68,276 @@ class Film:
     ----------
     width, height
         Of the picture, in its own unit.
-    first
-        Lines, marks and colours of every body at the first frame: name, kind (``flexible``, ``rigid``, ``mass``),
-        colour, ``d`` of its path, and its ends.
+    start
+        Number of the frame that is shown first and printed: that of the largest stress.
+    lines
+        Bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
+        colours, and marks at the ends.
     paths
         ``d`` of the paths that ends of bodies take.
     ground
         Places (x, y) of ends that do not move.
     scale
         Length of the bar of the scale in the picture's unit, and in words.
+    still
+        Address of a picture of the surfaces at the first frame; empty without any.
+    keys
+        Kind, colour and name of bodies that are not coloured by stress.
+    legend
+        None where no stress is known.
     data
         For the script: instants, bodies, factors, outputs.
-    note
-        What is left out, empty where nothing is.
+    notes
+        What has to be known of the picture.
+    left_out
+        What the film does not show and the file has.
     """
 
     width: int
     height: int
-    first: list[dict[str, Any]]
+    start: int
+    lines: list[dict[str, Any]]
     paths: list[str]
     ground: list[tuple[int, int]]
     scale: tuple[int, str]
+    still: str
+    keys: list[tuple[str, str, str]]
+    legend: Legend | None
     data: dict[str, Any]
-    note: str
+    notes: list[str]
+    left_out: list[str]
 
 
-def film_of(run: Trajectory) -> Film | None:
-    """Return the film of a run; None where it has no frames."""
+@dataclass(frozen=True)
+class _Picture:
+    """Where places are in the picture: `view` (3, 3) and `unit` of a metre, then moved by `shift` (3,)."""
+
+    view: np.ndarray
+    unit: float
+    shift: np.ndarray
+
+    def directions(self, vectors: np.ndarray) -> np.ndarray:
+        """Return vectors (..., 3) to the right, down and towards the eye."""
+        return self.unit * (vectors @ self.view.T) * [1.0, -1.0, 1.0]
+
+    def places(self, points: np.ndarray) -> np.ndarray:
+        """Return places (..., 3)."""
+        return self.directions(points) + self.shift
+
+
+def film_of(run: Trajectory, name: str = "") -> Film | None:
+    """Return the film of a run, whose file has a name; None where it has no frames."""
     frames = run.frames
     if frames is None or not len(frames.time):
         return None
-    shapes = Shapes.of(frames)
-    low, high = shapes.limits
-    extent = high - low
+    bodies, stress = bodies_of(run), stress_of(run)
+    peak = 0 if stress is None else stress.frame
+    picture, height = _picture(bodies)
+    joints = {body: picture.places(_in_space(at)) for body, at in frames.positions.items()}
+    chosen = _chosen(bodies, len(frames.time), peak)
+    start = int(np.searchsorted(chosen, peak))
+    shown = [body.at(chosen) for body in bodies]
+    colours = [
+        PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.kind == "rigid" else PLAIN
+        for number, body in enumerate(shown)
+    ]
+    packed = [_packed(body, picture, stress) for body in shown]
+    reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
+    time = frames.time[chosen]
+    bar = _bar(picture.unit)
+    stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
+    legend = None if stress is None else _legend(stress, frames.time[stress.frame], name, stops)
+    data: dict[str, Any] = {
+        "time": time.tolist(),
+        "decimals": _decimals(time),
+        "width": SIZE,
+        "height": height + FOOT,
+        "start": start,
+        "bar": bar,
+        "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
+        "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
+        "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
+    }
+    if stress is not None:
+        factor, _ = axis_unit("Pa", np.array([stress.largest]))
+        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
+    flat = [picture.places(body.points[start]) for body in shown]
+    still = still_of(shown, flat, _share(shown, stress), start, (SIZE, height + FOOT))
+    return Film(
+        width=SIZE,
+        height=height + FOOT,
+        start=start,
+        lines=[
+            _line(body, at, colour, stress, stops, start)
+            for body, at, colour in zip(shown, flat, colours)
+            if not len(body.triangles)
+        ],
+        paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
+        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
+        scale=(round(bar * picture.unit), _length(bar)),
+        still=still,
+        keys=[
+            ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
+            for body, colour in zip(shown, colours)
+            if body.values is None or stress is None
+        ],
+        legend=legend,
+        data=data,
+        notes=_notes(run, bodies, len(data["factors"]) > 1),
+        left_out=_left_out(run, bodies, len(chosen), name),
+    )
+
+
+def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
+    """Return where a picture has the bodies, and how tall it is without its foot."""
+    points = np.concatenate([body.points.reshape(-1, 3) for body in bodies])
+    extents = np.ptp(points, axis=0)
+    view = view_of(points, bool(extents[2] < FLAT * extents.max()))
+    across = points @ view[:2].T
+    low, high = across.min(axis=0), across.max(axis=0)
+    margin = 0.05 * max(*(high - low), 1e-12)
+    low, extent = low - margin, high - low + 2.0 * margin
     unit = SIZE / extent[0] if extent[1] <= TALLEST * extent[0] else SIZE * TALLEST / extent[1]
     height = int(np.clip(unit * extent[1], FLATTEST * SIZE, TALLEST * SIZE))
-    shift = np.array([0.5 * (SIZE - unit * extent[0]), 0.5 * (height - unit * extent[1])])
-
-    def placed(points: np.ndarray) -> np.ndarray:
-        x, y = np.moveaxis(unit * (points - low) + shift, -1, 0)
-        return np.stack([x, height - y], axis=-1)
-
-    numbers = sum(points.shape[1] for points in shapes.positions.values()) * 4
-    most = max(2, min(MOST_FRAMES, MOST_NUMBERS // max(numbers, 1), len(frames.time)))
-    chosen = np.unique(np.linspace(0, len(frames.time) - 1, min(most, len(frames.time))).round().astype(int))
-    twice = Shapes.of(frames, 2.0).positions
-    bodies, first, largest = [], [], 0.0
-    for number, (body, cells) in enumerate(frames.cells.items()):
-        at = placed(shapes.positions[body][chosen])
-        extra = placed(twice[body][chosen]) - at
-        reach = float(np.abs(extra).max(initial=0.0))
-        largest = max(largest, reach)
-        step = reach / SIZE
-        entry: dict[str, Any] = {"cells": cells.ravel().tolist(), "at": _whole(at), "ends": ends(cells).tolist()}
-        if step > 1e-12:
-            entry |= {"extra": _whole(extra / step), "step": step}
-        bodies.append(entry)
-        kind = "mass" if not len(cells) else "rigid" if body in frames.rigid else "flexible"
-        colour = PALETTE[number % len(PALETTE)]
-        marks = at[0].round().astype(int)[ends(cells) if len(cells) else slice(None)].tolist()
-        first.append({"name": body, "kind": kind, "colour": colour, "d": _path(at[0], cells), "marks": marks})
-    size = max(SIZE, height)
-    factors = [factor for factor in FACTORS if factor == 1 or 0.0 < factor * largest <= LARGEST_SHOWN * size]
-    time = frames.time[chosen]
-    outputs = {name: [_finite(v) for v in np.interp(time, run.time, values)] for name, values in run.outputs.items()}
-    data = {"time": time.tolist(), "bodies": bodies, "factors": factors, "outputs": outputs}
-    note = "" if len(chosen) == len(frames.time) else f"{len(chosen)} of {len(frames.time)} frames"
-    still = _still(shapes, high - low)
-    paths = [
-        "M" + "L".join(f"{x} {y}" for x, y in placed(shapes.positions[body][:, node]).round().astype(int))
-        for body, node in _moving(shapes, high - low)
-    ]
-    ground = [tuple(placed(point).round().astype(int).tolist()) for point in still]
-    return Film(SIZE, height + FOOT, first, paths, ground, _scale(unit), data, note)
+    left, above = 0.5 * (SIZE - unit * extent[0]), 0.5 * (height - unit * extent[1])
+    shift = np.array([left - unit * low[0], height - above + unit * low[1], 0.0])
+    return _Picture(view, float(unit), shift), height
 
 
-def _whole(points: np.ndarray) -> list[list[int]]:
-    """Return a row of whole numbers for every frame."""
-    return points.reshape(len(points), -1).round().astype(int).tolist()
+def _chosen(bodies: list[FilmBody], n_frames: int, peak: int) -> np.ndarray:
+    """Return the frames that are shown, that of the largest stress among them."""
+    size = sum(body.points.shape[1] * (4 * bool(body.deformation.any()) + (body.values is not None)) for body in bodies)
+    most = max(2, min(MOST_FRAMES, MOST_BYTES // max(size, 1), n_frames))
+    return np.union1d(np.linspace(0, n_frames - 1, most).round().astype(int), peak)
+
+
+def _packed(body: FilmBody, picture: _Picture, stress: Stress | None) -> dict[str, Any]:
+    """Return a body for the script: motions (n_f, 3, 1 + d), bending in steps, and stress in shades."""
+    n_frames, n = body.points.shape[:2]
+    places = picture.places(body.points)
+    undeformed = np.column_stack([np.ones(n), body.nodes])
+    rigid = (places - picture.directions(body.deformation)).transpose(1, 0, 2).reshape(n, -1)
+    # rigid where a deformation is known; else the nearest one, and what is left is not enlarged
+    motion = np.linalg.lstsq(undeformed, rigid, rcond=None)[0]
+    bend = places - (undeformed @ motion).reshape(n, n_frames, 3).transpose(1, 0, 2)
+    entry: dict[str, Any] = {
+        "n": n,
+        "kind": body.kind,
+        "lines": body.lines.ravel().tolist(),
+        "ends": ends(body.lines).tolist(),
+        "nodes": _text(body.nodes, "<f4"),
+        "motion": _text(motion.reshape(-1, n_frames, 3).transpose(1, 2, 0), "<f4"),
+    }
+    if (reach := float(np.abs(bend[..., :2]).max(initial=0.0))) > 0.5 / FACTORS[-1]:
+        step = reach / np.iinfo(np.int16).max
+        as_it_is = np.flatnonzero(~body.known).tolist()
+        entry |= {"step": step, "bend": _text((bend[..., :2] / step).round(), "<i2"), "as_it_is": as_it_is}
+    if len(body.triangles):
+        entry |= {"triangles": _text(body.triangles, "<u4"), "edges": _text(body.edges, "<u4")}
+    if body.values is not None and stress is not None:
+        shades = np.where(np.isfinite(body.values), SHADES * body.values / max(stress.largest, 1e-300), SHADES + 1)
+        entry["shades"] = _text(shades.round().clip(0, SHADES + 1), "<u1")
+    return entry
+
+
+def _text(numbers: np.ndarray, kind: str) -> str:
+    """Return numbers as base64 of little-endian ones."""
+    return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
+
+
+def _share(bodies: list[FilmBody], stress: Stress | None) -> list[np.ndarray | None]:
+    """Return stresses as shares of the largest one."""
+    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
+    return [None if body.values is None else body.values / largest for body in bodies]
+
+
+def _line(
+    body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, stops: list[str], number: int
+) -> dict[str, Any]:
+    """Return a body without a surface as SVG has it, as the page's script draws it at other frames."""
+    if body.values is None or stress is None:
+        paths = [("hollow" if hollow else "", colour, "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines))
+                 for hollow in ([False, True] if body.kind == "rigid" else [False])]  # fmt: skip
+    else:
+        own = np.nan_to_num(body.values[number]) / max(stress.largest, 1e-300)
+        whole = "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines)
+        paths = [("casing", "#3a3a3a", whole)]
+        paths += [
+            ("", stops[round((N_STOPS - 1) * float(max(own[a], own[b])))], f"M{_pair(at[a])}L{_pair(at[b])}")
+            for a, b in body.lines
+        ]
+    nodes = ends(body.lines) if len(body.lines) else range(len(at))
+    marks = [at[node, :2].round().astype(int).tolist() for node in nodes]
+    dots = colour if body.values is None else "#3a3a3a"
+    return {"name": body.name, "kind": body.kind, "colour": dots, "paths": paths, "marks": marks}
+
+
+def _pair(place: np.ndarray) -> str:
+    x, y = place[:2].round().astype(int)
+    return f"{x} {y}"
+
+
+def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
+    """Return the paths (n_f, 3) of the ends of bodies that move, or of those that do not."""
+    extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
+    every = (joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells))
+    return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
+
+
+def _legend(stress: Stress, time: float, name: str, stops: list[str]) -> Legend:
+    factor, unit = axis_unit("Pa", np.array([stress.largest]))
+    largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
+                    stress.index)  # fmt: skip
+    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} at {time:.4g} s")
+
+
+def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:
+    """Return what has to be known of the picture."""
+    said = uncoloured(run.fields) if run.fields else []
+    if run.fields and run.model == "reduced":
+        said += filter(None, [truncated(run.record.scene_toml)])
+    unknown = [body.name for body in bodies if body.kind == "flexible" and not body.known.all()]
+    if unknown and enlarged:
+        said.append(f"{', '.join(unknown)}: not enlarged where the deformation is not known")
+    return said
+
+
+def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) -> list[str]:
+    """Return what the file has and the film has not, and what neither has, with the cure."""
+    found = [body.note for body in bodies if body.note]
+    if n_shown < len(run.frames.time):
+        found.append(f"the film shows {n_shown} of {len(run.frames.time)} frames; the file has all")
+    bare = [body for body in meshed_bodies(run) if body not in run.fields]
+    if bare:
+        found.append(
+            f"the film draws {', '.join(bare)} as lines: {name or 'the run'} has no displacements and stresses of "
+            f"{'it' if len(bare) == 1 else 'them'}; simulate it again with frames; its notes say what else keeps them "
+            "out"
+        )
+    return found
+
+
+def _in_space(points: np.ndarray) -> np.ndarray:
+    """Return points (..., 2 or 3) in space."""
+    return np.concatenate([points, np.zeros((*points.shape[:-1], 3 - points.shape[-1]))], axis=-1)
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _path(points: np.ndarray, cells: np.ndarray) -> str:
-    """Return what a path of a body's cells is drawn by, as the page's script makes it."""
-    whole = points.round().astype(int)
-    return "".join(f"M{whole[a][0]} {whole[a][1]}L{whole[b][0]} {whole[b][1]}" for a, b in cells)
+def _decimals(time: np.ndarray) -> int:
+    """Return digits behind the point that tell frames apart."""
+    return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
 
 
-def _rests(path: np.ndarray, extent: np.ndarray) -> bool:
-    return len(path) > 1 and bool(np.ptp(path, axis=0).max() < AT_REST * max(extent))
-
-
-def _still(shapes: Shapes, extent: np.ndarray) -> list[np.ndarray]:
-    """Return where ends of bodies stay where they are."""
-    paths = (shapes.positions[body][:, node] for body, cells in shapes.frames.cells.items() for node in ends(cells))
-    return [path[0] for path in paths if _rests(path, extent)]
-
-
-def _moving(shapes: Shapes, extent: np.ndarray) -> list[tuple[str, int]]:
-    """Return the ends of bodies that move."""
-    every = ((body, node) for body, cells in shapes.frames.cells.items() for node in ends(cells))
-    return [(body, node) for body, node in every if not _rests(shapes.positions[body][:, node], extent)]
-
-
-def _scale(unit: float) -> tuple[int, str]:
-    """Return a bar of about a sixth of the picture: its length in the picture's unit and in words."""
+def _bar(unit: float) -> float:
+    """Return a round length of about a sixth of the picture, m."""
     metres = SIZE / 6.0 / unit
     power = 10.0 ** np.floor(np.log10(metres))
-    nice = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres)
-    factor, shown = axis_unit("m", np.array([nice]))
-    return round(nice * unit), f"{nice * factor:g} {shown}"
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres))
+
+
+def _length(metres: float) -> str:
+    factor, unit = axis_unit("m", np.array([metres]))
+    return f"{metres * factor:g} {unit}"

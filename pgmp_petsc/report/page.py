@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 from pgmp_petsc import __version__
+from pgmp_petsc.report.datum import sentence_case
 from pgmp_petsc.report.section import section_of
 from pgmp_petsc.report.sources import compact_json, read_sources
 from pgmp_petsc.runtime.claims import check_output
@@ -59,12 +60,12 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
         loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters["compact"] = compact_json
+    environment.filters |= {"compact": compact_json, "sentence_case": sentence_case}
     sections = [section_of(sources) for sources in scenes]
     title = sections[0].name if len(sections) == 1 else ", ".join(section.name for section in sections)
     folder = resources.files("pgmp_petsc.report") / "page"
-    parts = {name: (folder / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js")}
+    css, *scripts = ((folder / name).read_text(encoding="utf-8") for name in ("page.css", "surfaces.js", "page.js"))
     text = environment.get_template("page.html").render(
-        title=title, sections=sections, lines=lines, version=__version__, css=parts["css"], script=parts["js"]
+        title=title, sections=sections, lines=lines, version=__version__, css=css, script="".join(scripts)
     )
     return re.sub(r"\n{2,}", "\n", text).lstrip()

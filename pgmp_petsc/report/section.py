@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
+from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error
@@ -22,6 +22,7 @@ from pgmp_petsc.report.verdict import verdict
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.runtime.files import KINDS
 
+MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
 MOST_CURVES = 7
 MOST_FAILED = 20
 SAME = 1e-12  # share of a quantity within which its samples count as equal: some digits above round-off
@@ -72,14 +73,14 @@ def section_of(sources: Sequence[Source]) -> Section:
     comparisons = paired([source.result for source in runs])
     error = model_error(sources, comparisons)
     filmed = next((source for source in runs if source.result.frames is not None), None)
-    film = None if filmed is None else film_of(filmed.result)
+    film = None if filmed is None else film_of(filmed.result, filmed.name)
     labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
     return Section(
         name=in_words(str(header.get("name", "scene without a name"))),
         description=str(header.get("description", "")),
         verdict=verdict(sources, error),
         film=film,
-        film_of="" if film is None else f"{MODELS[filmed.result.model]}, {filmed.name}",
+        film_of="" if film is None else film_words(filmed, scene, bool(ensembles)),
         parameters=_parameters(scene, sources[0]),
         outputs=_outputs(scene, comparisons, labels, ensembles),
         statistics=[_statistics(source, len(ensembles) > 1) for source in ensembles if source.result.statistics],
@@ -102,6 +103,25 @@ def section_of(sources: Sequence[Source]) -> Section:
     )
 
 
+def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
+    """Return what is seen in the film: which run, and where its parameters are not those of the scene."""
+    words = f"{MODEL_WORDS[source.result.model]}, {source.name}"
+    nominal = {name: entry.get("nominal") for name, entry in scene.get("parameters", {}).items()}
+    units = {name: str(entry.get("unit", "1")) for name, entry in scene.get("parameters", {}).items()}
+    other = [
+        f"{quantity(name, value, units[name])} (nominally {quantity(name, nominal[name], units[name]).split(' = ')[1]})"
+        for name, value in source.record.parameters.items()
+        if isinstance(nominal.get(name), (int, float)) and value != nominal[name]
+    ]
+    if other:
+        words += f", at {', '.join(other)}"
+    elif among_samples:
+        words += ", at the nominal parameters"
+    if among_samples:
+        words += ": a single run, none of the samples"
+    return words
+
+
 def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
     """Return the parameters with their units, values and distributions."""
     rows = []
@@ -113,14 +133,18 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         law = entry.get("distribution")
         drawn = "fixed"
         if isinstance(law, dict):
-            arguments = ", ".join(f"{key} = {item:g}" for key, item in law.items() if isinstance(item, (int, float)))
+            arguments = ", ".join(
+                f"{key} = {factor * item:.6g}{shown}" if key in ("loc", "scale") else f"{key} = {item:g}"
+                for key, item in law.items()
+                if isinstance(item, (int, float))
+            )
             drawn = f"{law.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
         if bounds:
-            drawn += f", from {bounds[0]:g} to {bounds[1]:g}"
+            drawn += f", from {factor * bounds[0]:.6g} to {factor * bounds[1]:.6g}{shown}"
         shown_value = Datum(value, f"{factor * value:.6g}", source.name, f"@parameters/{name}")
         rows.append([[name], [str(entry.get("description", ""))], [shown_value, shown], [drawn]])
-    return Table(["parameter", "what it is", "value", "distribution (SI units)"], rows)
+    return Table(["parameter", "what it is", "value", "distribution"], rows)
 
 
 def _outputs(
@@ -176,7 +200,7 @@ def _statistics(source: Source, several: bool) -> Table:
         std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
         rows.append([[title], mean, std, [place.datum("count", s.count, str(s.count))], *quantiles])
     of = f"{source.name}: " if several else ""
-    note = f"{of}{MODELS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
+    note = f"{of}{MODEL_WORDS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
     return Table(head, rows, note)
 
 
@@ -340,8 +364,8 @@ def _absent(runs: Sequence[Source], ensembles: Sequence[Source], film: Film | No
     """Yield what the page does not show, and what would bring it."""
     if film is None:
         yield "no picture of the mechanism: no trajectory with frames is here; add a file of pgmp simulate"
-    elif film.note:
-        yield f"the film shows {film.note}; the file has all"
+    else:
+        yield from film.left_out
     if len(runs) > MOST_CURVES:
         yield f"{MOST_CURVES} of {len(runs)} runs are in the charts over time"
     if not ensembles:

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit
+from pgmp_petsc.report.bodies import stress_of
 from pgmp_petsc.report.budget import ModelError
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.results.body_fields import truncated
 from pgmp_petsc.results.numbers import percent
 
 
@@ -58,8 +61,9 @@ def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
         ends = [place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)]
+        words = in_words(name) if ahead else sentence_case(in_words(name))
         yield [
-            f"{ahead}{in_words(name)} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
+            f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
 
@@ -69,14 +73,23 @@ def _of_run(source: Source) -> Iterator[Sentence]:
     run = source.result
     for name, values in run.outputs.items():
         if not np.isfinite(values).any():
-            yield [f"{in_words(name)} is not known at any instant."]
+            yield [f"{sentence_case(in_words(name))} is not known at any instant."]
             continue
         known = np.abs(np.where(np.isfinite(values), values, 0.0))
         place = int(np.argmax(known))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
         largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
         unit = "" if unit == "1" else f" {unit}"
-        yield [f"{in_words(name)} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+        words = sentence_case(in_words(name))
+        yield [f"{words} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+    if (stress := stress_of(run)) is not None:
+        factor, unit = axis_unit("Pa", np.array([stress.largest]))
+        largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
+                        stress.path, stress.index)  # fmt: skip
+        at = f"in {stress.body} at {run.frames.time[stress.frame]:.4g} s, of the {len(run.frames.time)} frames kept"
+        lacking = run.model == "reduced" and truncated(run.record.scene_toml)
+        doubt = "; it is that of the modes alone and may be far off" if lacking else ""
+        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, {at}{doubt}."]
 
 
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import synthetic
 from click.testing import CliRunner, Result
+from fielded import block_run, flat_run, run_of
 from mpi4py import MPI
 from PIL import Image
 from runs import rom_of
 from scenes import slider_crank
-from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.cli.animate import animate
 from pgmp_petsc.cli.session import Session
@@ -27,53 +27,11 @@ from pgmp_petsc.figures.films import Pace
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import solids
 from pgmp_petsc.figures.stage import Stage, drawing, view_of
-from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 
 WIDE, HIGH = 240, 160
-
-
-def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> BodyField:
-    """Return a body that moves by `moves` (n_f, d), with a stress that grows along x and over time."""
-    places = mesh.nodes + moves[:, None, :]
-    strength = stress * np.linspace(0.0, 1.0, len(moves))[:, None]
-    along = mesh.nodes[:, 0] / mesh.nodes[:, 0].max()
-    bent = np.zeros_like(places)
-    bent[..., 1] = deformation * along**2
-    nodal = {"von_mises": strength * along}
-    inner = {"von_mises": strength * along[mesh.cells].mean(axis=1)}
-    return BodyField(mesh.kind, mesh.nodes, mesh.cells, places, bent, nodal, inner, {"von_mises": "Pa"})
-
-
-def run_of(**fields: BodyField) -> Trajectory:
-    """Return a run of four frames with these bodies; crank and rod of its frames are without fields."""
-    run = synthetic.trajectory(n_frames=4, n_times=101)
-    empty = {name: {} for name in ("positions", "rotations", "nodes", "cells")}
-    d = next(iter(fields.values())).nodes.shape[1]
-    for name, own in fields.items():
-        empty["positions"][name] = own.positions[:, :1]
-        empty["rotations"][name] = np.zeros((4, 1) if d == 2 else (4, 1, 3))
-        empty["nodes"][name] = own.nodes[:1]
-        empty["cells"][name] = np.zeros((0, 2), dtype=int)
-    frames = replace(run.frames, **empty)
-    return replace(run, frames=frames, fields=fields)
-
-
-def flat_run(deformation: float = 1e-4) -> Trajectory:
-    """Return a bar of plane cells that moves to the right by its length."""
-    mesh = rectangle_mesh("quad8", (6, 2), (1.0, 0.2))
-    return run_of(bar=field_of(mesh, np.linspace([0.0, 0.0], [1.0, 0.0], 4), deformation, 3e6))
-
-
-def block_run() -> Trajectory:
-    """Return a block of solid cells that stays, beside a rigid one."""
-    mesh = box_mesh("hexahedron20", (3, 1, 1), (1.0, 0.3, 0.3))
-    block = field_of(mesh, np.zeros((4, 3)), 1e-4, 3e6)
-    moved = block.positions + [1.5, 0.0, 0.0]
-    base = BodyField(mesh.kind, mesh.nodes, mesh.cells, moved, 0.0 * moved, rigid=True)
-    return run_of(block=block, base=base)
 
 
 def coloured(picture: np.ndarray) -> np.ndarray:

@@ -22,7 +22,6 @@ from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget
 from pgmp_petsc.report.charts import Level, distribution
 from pgmp_petsc.report.downloads import downloads_of
-from pgmp_petsc.report.film import film_of
 from pgmp_petsc.report.headlines import headline_of_comparison
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.sources import read_sources
@@ -215,8 +214,8 @@ def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> N
     budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
     assert budget["basis, interpolation, time step"][0] == "not known"
     assert "reduction.tolerance" in budget["basis, interpolation, time step"][1]
-    assert budget["mesh: slider_deformation"] == ["1 %", "measured: 10 cells against 40"]
-    assert budget["model: slider_deformation"][1].startswith("measured: reduced against full order")
+    assert budget["mesh: slider deformation"] == ["1 %", "measured: 10 cells against 40"]
+    assert budget["model: slider deformation"][1].startswith("measured: reduced against full order")
     assert budget["sampling: P(late)"] == ["± 9.5 percentage points", "90 % interval of 57 samples"]
     assert budget["small deformations: elastic rotation"][0] == "0.02 rad"
 
@@ -266,32 +265,6 @@ def test_results_with_little_in_them_are_shown(folder: Path) -> None:
     verdict = words(next(with_class(tree, "verdict")))
     assert "lost.h5: 10 of 10 samples failed" in verdict and "Model error: not known" in verdict
     assert "not known: no sample tells" in words(tree)
-
-
-def test_the_film_has_the_shapes_of_the_run() -> None:
-    run = synthetic.trajectory("full", n_frames=20)
-    film = film_of(run)
-    assert film.data["time"] == run.frames.time.tolist()
-    unit = None
-    for entry, (body, positions) in zip(film.data["bodies"], run.frames.positions.items()):
-        at = np.array(entry["at"]).reshape(20, -1, 2)
-        spread = np.ptp(positions[..., 0]) if body == "rod" else unit
-        unit = np.ptp(at[..., 0]) / spread if body == "rod" else None
-        scale = np.linalg.norm(at[:, -1] - at[:, 0], axis=1) / np.linalg.norm(
-            positions[:, -1] - positions[:, 0], axis=1
-        )
-        # whole numbers are off by half a unit at each end
-        assert np.ptp(scale) < 4.0 / np.linalg.norm(positions[:, -1] - positions[:, 0], axis=1).min()
-        across = np.array(entry["extra"]).reshape(20, -1, 2) * entry["step"]
-        assert np.abs(across[:, [0, -1]]).max() < 1.0  # ends stay where they are
-        middle = np.linalg.norm(across, axis=-1).max()
-        bend = 2e-3 * np.abs(np.sin(12.0 * run.frames.time)).max() * np.sin(np.pi * 0.4)
-        assert middle == pytest.approx(bend * scale.mean(), rel=0.02)
-    assert film.data["factors"][0] == 1 and len(film.data["factors"]) > 1
-
-
-def test_there_is_no_film_without_frames() -> None:
-    assert film_of(synthetic.trajectory("full", n_frames=0)) is None
 
 
 def refusal(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
@@ -356,9 +329,9 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     write_report(files, folder / "unknown.html")
     tree = parsed((folder / "unknown.html").read_text(encoding="utf-8"))
     verdict = words(next(with_class(tree, "verdict")))
-    assert "slider deformation is not known at any instant." in verdict and "nan" not in verdict
+    assert "Slider deformation is not known at any instant." in verdict and "nan" not in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
-    assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
+    assert budget["model: slider deformation"] == "not known" and budget["model: slider position"] == "0 %"
     assert headline_of_comparison(*files).startswith("differs from full order by at most 0 % of the largest slider_pos")
 
 

@@ -14,10 +14,12 @@ from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 import synthetic
 from conftest import TIMEOUT_SECONDS
+from fielded import flat_run
 
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.runtime.remarks import warning
@@ -48,9 +50,10 @@ const outside = charts.flatMap((svg) => {
   }).map((text) => text.textContent);
 });
 const film = document.querySelector(".film");
-const slider = film.querySelector("input"), choice = film.querySelector("select");
+const slider = film.querySelector("input"), choice = film.querySelector("select.factor");
 const shape = () => [...film.querySelectorAll(".body path")].map((path) => path.getAttribute("d")).join();
-const marks = () => [...document.querySelectorAll("line.instant")].map((line) => Number(line.getAttribute("x1")));
+const marks = () => [...film.closest("section.scene").querySelectorAll("line.instant")].map(
+  (line) => Number(line.getAttribute("x1")));
 const still = shape(), before = marks();
 slider.value = 30; slider.dispatchEvent(new Event("input"));
 const moved = shape(), after = marks();
@@ -65,6 +68,53 @@ const found = {
   loaded: performance.getEntriesByType("resource").map((item) => item.name).filter((name) => !name.startsWith("data:")),
   columns: getComputedStyle(document.querySelector(".charts")).gridTemplateColumns.split(" ").length,
 };
+const solid = document.querySelectorAll(".film")[1];
+const frames = solid.querySelector("input"), large = solid.querySelector("select.factor");
+const seen = () => {
+  const canvas = solid.querySelector("canvas"), { width, height } = canvas;
+  const pixels = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+  let left = width, right = 0, top = height, bottom = 0;
+  for (let k = 0; k < width * height; k++) if (pixels[4 * k + 3]) {
+    left = Math.min(left, k % width); right = Math.max(right, k % width);
+    top = Math.min(top, Math.floor(k / width)); bottom = Math.max(bottom, Math.floor(k / width));
+  }
+  const row = Math.round((top + bottom) / 2) - 3;
+  const colours = [0.05, 0.5, 0.93].map((share) => {
+    const at = 4 * (row * width + left + Math.round(share * (right - left)));
+    return [...pixels.slice(at, at + 3)];
+  });
+  return { left: left / width, right: right / width, tall: (bottom - top) / width, colours };
+};
+found.started = Number(frames.value);
+found.seen = seen();
+found.still = getComputedStyle(solid.querySelector("img")).display;
+frames.value = 0; frames.dispatchEvent(new Event("input"));
+found.first = seen();
+found.largest = solid.querySelector(".legend output").textContent;
+dispatchEvent(new Event("beforeprint"));
+found.printed = [...solid.querySelectorAll(".instant span")].map((item) => item.textContent);
+dispatchEvent(new Event("afterprint"));
+found.restored = frames.value;
+large.value = large.options[large.options.length - 1].value; large.dispatchEvent(new Event("change"));
+frames.value = 3; frames.dispatchEvent(new Event("input"));
+found.factor = Number(large.value);
+found.bent = seen();
+large.value = "1"; large.dispatchEvent(new Event("change"));
+const zoom = solid.querySelector("select.zoom"), bar = () => solid.querySelector(".scale text").textContent;
+found.bars = [bar()];
+zoom.value = "2"; zoom.dispatchEvent(new Event("change"));
+found.bars.push(bar());
+found.closer = seen();
+found.box = solid.querySelector(".mechanism").getAttribute("viewBox").split(" ").map(Number);
+dispatchEvent(new Event("beforeprint"));
+found.whole = seen();
+dispatchEvent(new Event("afterprint"));
+zoom.value = "1"; zoom.dispatchEvent(new Event("change"));
+const stage = solid.querySelector(".stage"), place = stage.getBoundingClientRect();
+stage.dispatchEvent(new MouseEvent("click", {
+  clientX: place.left + found.seen.left * place.width, clientY: place.top + 0.5 * place.height,
+}));
+found.clicked = [zoom.value, seen()];
 const note = document.createElement("pre");
 note.id = "found"; note.textContent = JSON.stringify(found);
 document.body.append(note);
@@ -74,7 +124,9 @@ document.body.append(note);
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the page of a run, its full-order twin, an ensemble and a study; it measures itself when it is opened."""
+    """Return the page of a run, its full-order twin, an ensemble, a study, and a run of a solid.
+
+    It measures itself when it is opened."""
     folder = tmp_path_factory.mktemp("browser")
     run = synthetic.trajectory("reduced", n_frames=61)
     long = warning("a warning of one very_long_word_" + "x" * 120)
@@ -83,7 +135,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     synthetic.described().write(folder / "many.h5")
     synthetic.tradeoff().write(folder / "study.h5")
     target = folder / "report.html"
-    write_report([folder / f"{name}.h5" for name in ("run", "full", "many", "study")], target)
+    solid = flat_run(1e-3)
+    scene = synthetic.SCENE.replace("slider_crank", "bar")
+    replace(solid, record=replace(solid.record, scene_toml=scene)).write(folder / "solid.h5")
+    write_report([folder / f"{name}.h5" for name in ("run", "full", "many", "study", "solid")], target)
     text = target.read_text(encoding="utf-8").replace("<title>", f"{FIRST}<title>", 1)
     target.write_text(text.replace("</body>", f"{LAST}</body>"), encoding="utf-8")
     return target
@@ -127,6 +182,51 @@ def test_the_film_moves_the_mechanism_and_the_charts(opened: tuple[dict, str]) -
     assert found["clock"] == "0.500 s"
     run = synthetic.trajectory("reduced")
     half = {name: np.interp(0.5, run.time, values) for name, values in run.outputs.items()}
-    assert [float(text.split()[0]) for text in found["values"] if text] == pytest.approx(list(half.values()), rel=1e-3)
+    shown = [text.split() for text in found["values"] if text][: len(half)]
+    # in the charts' units, of which these have prefixes
+    prefixes = {"mm": 1e-3, "µm": 1e-6}
+    assert [float(text[0]) * prefixes.get(text[1], 1.0) for text in shown] == pytest.approx(
+        list(half.values()), rel=1e-3
+    )
     # charts are drawn over the same second: the mark stands in the middle of their axes
     assert all(after > before for before, after in zip(found["before"], found["after"])) and len(found["after"]) >= 3
+
+
+def test_a_solid_is_where_it_is_in_its_colours(opened: tuple[dict, str]) -> None:
+    """A bar of a length of 1 and a height of 0.2 moves to the right by its length; its stress grows along it."""
+    found, _ = opened
+    first, last = found["first"], found["seen"]
+    assert found["started"] == 3 and found["still"] == "none"
+    # pixels, of which there are at least two for one of the page
+    pixels = 3.0 / 390.0
+    length = last["right"] - last["left"]
+    assert first["left"] == pytest.approx(0.05 / 1.1, abs=0.02) and last["right"] == pytest.approx(
+        1.0 - 0.05 / 1.1, abs=0.02
+    )
+    assert last["left"] - first["left"] == pytest.approx(length, abs=pixels)
+    assert last["tall"] == pytest.approx(0.2 * length, abs=2 * pixels)
+    colours = 255.0 * matplotlib.colormaps["viridis"](np.array([0.05, 0.5, 0.93]))[:, :3]
+    np.testing.assert_allclose(last["colours"], colours, atol=10)
+    np.testing.assert_allclose(
+        first["colours"], np.tile(255.0 * np.array(matplotlib.colormaps["viridis"](0.0)[:3]), (3, 1)), atol=3
+    )
+    assert found["largest"] == "0 MPa"
+    # enlarged by 1e-3 of the length for every unit of the factor, less what it is bent by already
+    assert found["bent"]["tall"] - last["tall"] == pytest.approx((found["factor"] - 1) * 1e-3 * length, rel=0.1)
+
+
+def test_one_can_look_closer(opened: tuple[dict, str]) -> None:
+    """A closer look goes along with the node of the largest stress, the right end, or with what one points at."""
+    found, _ = opened
+    pixels = 3.0 / 390.0
+    assert found["bars"] == ["0.2 m", "0.1 m"]
+    assert found["box"][2] == 5000.0 and found["closer"]["right"] == pytest.approx(0.5, abs=pixels)
+    factor, at_left_end = found["clicked"]
+    assert factor == "5" and at_left_end["left"] == pytest.approx(0.5, abs=pixels) and at_left_end["right"] > 0.99
+    # paper has all of it
+    assert found["whole"]["right"] == found["seen"]["right"] and found["whole"]["left"] == found["seen"]["left"]
+
+
+def test_paper_has_the_instant_of_the_largest_stress(opened: tuple[dict, str]) -> None:
+    found, _ = opened
+    assert found["printed"] == ["1.00 s", "1"] and found["restored"] == "0"

@@ -1,11 +1,20 @@
-"use strict";
 for (const film of document.querySelectorAll(".film")) {
   const data = JSON.parse(film.querySelector("script").textContent);
   const section = film.closest("section.scene");
   const controls = film.querySelector(".controls");
   const slider = controls.querySelector("input"), button = controls.querySelector("button");
-  const clock = controls.querySelector("output"), choice = controls.querySelector("select");
+  const clock = controls.querySelector("output");
+  const choice = controls.querySelector("select.factor"), zoom = controls.querySelector("select.zoom");
+  const stage = film.querySelector(".stage"), pictures = [...stage.querySelectorAll("svg")];
+  const shapes = data.bodies.map((body) => new Shape(body, data.time.length));
+  const lines = shapes.filter((shape) => !shape.triangles);
   const groups = [...film.querySelectorAll(".body")];
+  const palette = data.stops && paletteOf(data.stops);
+  const canvas = film.querySelector("canvas");
+  const surfaces = canvas && new Surfaces(canvas, shapes, data.width, data.height, palette);
+  film.classList.add("live");
+  const now = film.querySelector(".legend .now"), printed = [...film.querySelectorAll(".instant span")];
+  if (now) now.hidden = false;
   const charts = [...section.querySelectorAll("figure[data-axis]")].map((figure) => {
     const [left, right, top, bottom, start, end] = figure.dataset.axis.split(" ").map(Number);
     const svg = figure.querySelector("svg"), line = document.createElementNS(svg.namespaceURI, "line");
@@ -13,35 +22,86 @@ for (const film of document.querySelectorAll(".film")) {
     line.setAttribute("y1", top);
     line.setAttribute("y2", bottom);
     svg.append(line);
-    return { left, right, start, end, line, value: figure.querySelector("figcaption output"), name: figure.dataset.output };
+    const { output: name, factor, unit } = figure.dataset;
+    return { left, right, start, end, line, value: figure.querySelector("figcaption output"), name, factor: Number(factor), unit };
   });
-  // rigid shape plus enlarged deformation, as the paths of film.py are written
-  const points = (body, frame, factor) => {
-    const at = body.at[frame];
-    if (!body.extra || factor === 1) return at;
-    const more = body.extra[frame], gain = (factor - 1) * body.step;
-    return at.map((value, k) => Math.round(value + gain * more[k]));
+  const largest = Object.fromEntries(Object.entries(data.outputs).map(([name, values]) => [name, Math.max(...values.map((v) => Math.abs(v ?? 0)))]));
+  // four digits; what is nothing but round-off is zero
+  const shown = (value, most) => (Math.abs(value) < 1e-9 * most ? "0" : value.toPrecision(4));
+  const stroke = (shape, frame, a, b) =>
+    css(palette[Math.max(...[a, b].map((node) => { const shade = shape.shade(frame, node); return shade > 254 ? 0 : shade; }))]);
+  const drawLine = (shape, group, frame, factor) => {
+    const p = shape.at(frame, factor), c = shape.lines;
+    const piece = (k) => `M${Math.round(p[3 * c[k]])} ${Math.round(p[3 * c[k] + 1])}L${Math.round(p[3 * c[k + 1]])} ${Math.round(p[3 * c[k + 1] + 1])}`;
+    const pieces = Array.from({ length: c.length / 2 }, (_, k) => piece(2 * k));
+    const paths = [...group.querySelectorAll("path")];
+    paths.forEach((path, k) => {
+      const one = shape.shades && k > 0;
+      path.setAttribute("d", one ? pieces[k - 1] : pieces.join(""));
+      if (one) path.setAttribute("stroke", stroke(shape, frame, c[2 * k - 2], c[2 * k - 1]));
+    });
+    const nodes = c.length ? shape.ends : Array.from({ length: shape.n }, (_, k) => k);
+    group.querySelectorAll("circle").forEach((circle, k) => {
+      circle.setAttribute("cx", Math.round(p[3 * nodes[k]]));
+      circle.setAttribute("cy", Math.round(p[3 * nodes[k] + 1]));
+    });
+  };
+  // the node that a closer look goes along with: of the largest stress, or nearest to a place
+  const nearest = (x, y, frame, factor) => {
+    let found = null, least = Infinity;
+    for (const shape of shapes) {
+      const p = shape.at(frame, factor);
+      for (let k = 0; k < shape.n; k++) {
+        const far = Math.hypot(p[3 * k] - x, p[3 * k + 1] - y);
+        if (far < least) [found, least] = [{ shape, node: k }, far];
+      }
+    }
+    return found;
+  };
+  const hottest = () => {
+    let found = null, most = -1;
+    for (const shape of shapes)
+      for (let k = 0; shape.shades && k < shape.n; k++) {
+        const shade = shape.shade(data.start, k);
+        if (shade < 255 && shade > most) [found, most] = [{ shape, node: k }, shade];
+      }
+    return found ?? nearest(data.width / 2, data.height / 2, data.start, 1);
+  };
+  let target = hottest();
+  const lengthText = (metres) => {
+    const [factor, unit] = metres >= 0.1 ? [1, "m"] : metres >= 1e-4 ? [1e3, "mm"] : [1e6, "µm"];
+    return `${Number((metres * factor).toPrecision(3))} ${unit}`;
+  };
+  const grounds = [...film.querySelectorAll(".ground path")].map((path) => [path, path.getAttribute("d").split("l")[0]]);
+  const look = (frame, factor) => {
+    const closer = Number(zoom.value), width = data.width / closer, height = data.height / closer;
+    const p = closer > 1 ? target.shape.at(frame, factor).subarray(3 * target.node) : null;
+    const [x, y] = p ? [p[0] - width / 2, p[1] - height / 2] : [0, 0];
+    for (const picture of pictures) picture.setAttribute("viewBox", `${x} ${y} ${width} ${height}`);
+    const bar = film.querySelector(".scale");
+    bar.setAttribute("transform", `translate(${x} ${y}) scale(${1 / closer})`);
+    bar.querySelector("text").textContent = lengthText(data.bar / closer);
+    for (const circle of film.querySelectorAll("circle")) circle.style.r = `${(circle.getAttribute("r") * 1) / closer}px`;
+    for (const [path, from] of grounds) path.setAttribute("d", `${from}l${-150 / closer} ${250 / closer}h${300 / closer}z`);
+    return { x, y, width };
   };
   const draw = () => {
-    const frame = Number(slider.value), factor = Number(choice.value), time = data.time[frame];
-    data.bodies.forEach((body, number) => {
-      const p = points(body, frame, factor), c = body.cells;
-      let d = "";
-      for (let k = 0; k < c.length; k += 2) d += `M${p[2 * c[k]]} ${p[2 * c[k] + 1]}L${p[2 * c[k + 1]]} ${p[2 * c[k + 1] + 1]}`;
-      for (const path of groups[number].querySelectorAll("path")) path.setAttribute("d", d);
-      const nodes = c.length ? body.ends : p.slice(0, p.length / 2).map((_, k) => k);
-      groups[number].querySelectorAll("circle").forEach((circle, k) => {
-        circle.setAttribute("cx", p[2 * nodes[k]]);
-        circle.setAttribute("cy", p[2 * nodes[k] + 1]);
-      });
-    });
-    clock.textContent = `${time.toFixed(3)} s`;
+    const frame = Number(slider.value), factor = choice ? Number(choice.value) : 1, time = data.time[frame];
+    const seen = look(frame, factor);
+    lines.forEach((shape, number) => drawLine(shape, groups[number], frame, factor));
+    if (surfaces) surfaces.draw(frame, factor, seen);
+    clock.textContent = `${time.toFixed(data.decimals)} s`;
+    printed[0].textContent = clock.textContent;
+    printed[1].textContent = factor;
+    if (now) now.querySelector("output").textContent = `${shown(data.stress[frame], Math.max(...data.stress))} ${data.unit}`;
     for (const chart of charts) {
       const x = chart.left + ((time - chart.start) / (chart.end - chart.start)) * (chart.right - chart.left);
       chart.line.setAttribute("x1", x);
       chart.line.setAttribute("x2", x);
       const values = data.outputs[chart.name];
-      if (chart.value && values && values[frame] !== null) chart.value.textContent = `${values[frame].toPrecision(4)} at ${time.toFixed(3)} s`;
+      if (!chart.value || !values) continue;
+      const value = values[frame];
+      chart.value.textContent = value === null ? "" : `${shown(chart.factor * value, chart.factor * largest[chart.name])} ${chart.unit} at ${clock.textContent}`.replace("  ", " ");
     }
   };
   let running = null, last = 0;
@@ -60,7 +120,21 @@ for (const film of document.querySelectorAll(".film")) {
     running = requestAnimationFrame(step);
   });
   slider.addEventListener("input", () => { if (running !== null) stop(); draw(); });
-  choice.addEventListener("change", draw);
+  if (choice) choice.addEventListener("change", draw);
+  zoom.addEventListener("change", draw);
+  stage.addEventListener("click", (event) => {
+    const frame = Number(slider.value), factor = choice ? Number(choice.value) : 1;
+    const box = stage.getBoundingClientRect(), seen = look(frame, factor), unit = seen.width / box.width;
+    target = nearest(seen.x + (event.clientX - box.left) * unit, seen.y + (event.clientY - box.top) * unit, frame, factor);
+    if (zoom.value === "1") zoom.value = "5";
+    draw();
+  });
+  addEventListener("resize", draw);
+  // paper has one picture, all of that of the largest stress
+  let before = null;
+  const show = (frame, closer) => { [slider.value, zoom.value] = [frame, closer]; draw(); };
+  addEventListener("beforeprint", () => { stop(); before = [slider.value, zoom.value]; show(data.start, "1"); });
+  addEventListener("afterprint", () => { if (before) show(...before); });
   controls.hidden = false;
   draw();
 }
