@@ -1,0 +1,224 @@
+"""Sensitivities through the steps of a run that are taken in parts, where end stops are met and left.
+
+The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
+stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
+begins and ends at zero (`effects.laws`). The discrete map is differentiated, with the length h of a part as one more
+variable. With the prediction of `propagation` and all other symbols from there,
+
+    d q_hat/dh = q'_n + 2 h ((1/2 - beta) A_n + beta A_{n+1}),     d q'_hat/dh = (1 - gamma) A_n + gamma A_{n+1},
+
+and r has a derivative with time itself where loads change, so that one more right-hand side gives ``S_h``. The end t* of
+a part that goes up to an edge, and the length of the last part, whose end is fixed, follow from
+
+    depth_q (S + S_h h_p) + depth_p = 0,     dt*/dp = dt*_before/dp + h_p,     h_p of the last part = - dt*_before/dp.
+
+Where the path turns at the edge, depth' = 0, it is met or not depending on the parameter (grazing, Nordmark 1991), and
+there is no derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.dynamics.alpha_step import AlphaStep
+from pgmp_petsc.dynamics.event_location import EventLocation, Moment, Part
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.gradients.linearisation import Linearisation
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+GRAZING = 1e-3  # of a step: a path that turns so near to the edge is told from one that does not meet it by no run
+RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """An instant at which a stop is met or left.
+
+    Attributes
+    ----------
+    effect
+        Name of the stop.
+    time
+        s.
+    rate
+        Of the depth, positive where it is met; m/s or rad/s.
+    derivatives
+        Of the time with the parameters, shape (n_parameters,), s per unit.
+    """
+
+    effect: str
+    time: float
+    rate: float
+    derivatives: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class DividedStep:
+    """A step that was taken in parts.
+
+    Attributes
+    ----------
+    number
+        Of the instant at its end.
+    before
+        State and auxiliary accelerations at its beginning, arrays of shape (1, n_eta).
+    parts
+        One behind the other.
+    """
+
+    number: int
+    before: Moment
+    parts: list[Part]
+
+
+class Contacts:
+    """The steps of a run of one sample that cross edges of laws.
+
+    Parameters
+    ----------
+    model, values
+        The reduced model, and the value of every parameter.
+    linearisation
+        Of the sample.
+
+    Attributes
+    ----------
+    found
+        What was met and left in the steps that `through` was asked for.
+    """
+
+    def __init__(self, model: ReducedModel, values: Mapping[str, float], linearisation: Linearisation) -> None:
+        self._model, self._values, self._linearisation = model, values, linearisation
+        self._radius = model.scene.simulation.spectral_radius
+        self.found: list[Contact] = []
+
+    def steps(self, times: np.ndarray, states: State) -> Iterator[DividedStep]:
+        """Yield the steps that cross edges, retraced with their parts.
+
+        Parameters
+        ----------
+        times, states
+            Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
+
+        Raises
+        ------
+        RunError
+            If a step does not lead where the run went.
+        """
+        beyond = self._linearisation.depths(times, states) > 0.0
+        if not (beyond[1:] != beyond[:-1]).any():
+            return
+        system = self._model.batch({name: np.array([value]) for name, value in self._values.items()}, 1)
+        step = times[-1] / (len(times) - 1)
+        location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
+        known, auxiliary, alone = 0, states.a[0].copy(), np.ones(1, dtype=bool)
+        while True:
+            crossing = np.flatnonzero((beyond[known + 1 :] != location.beyond[:, 0]).any(axis=1))
+            if not crossing.size:
+                return
+            number = known + 1 + int(crossing[0])
+            auxiliary = _advanced(self._radius, states.a[known:number], auxiliary)
+            before = _at(states, number - 1), auxiliary[None]
+            parts = location.parts(before, float(times[number]), step, alone)
+            off = np.inf
+            if parts is not None:
+                off = np.abs((parts[-1].state.q[0] - states.q[number]) * self._model.terms.scale).max()
+            if not off <= RETRACED:
+                raise RunError(
+                    f"the step with a contact that ends at {times[number]:.6g} s could not be retraced: it ends {off:.2g}"
+                    " of the mechanism's size (or rad) from where the run went; try a smaller simulation.step"
+                )
+            yield DividedStep(number, before, parts)
+            known, auxiliary = number, parts[-1].auxiliary[0]
+
+    def through(self, divided: DividedStep, moment: np.ndarray) -> np.ndarray:
+        """Take the sensitivities through a step; return them at its end.
+
+        Parameters
+        ----------
+        moment
+            S_q, S_v, S_a and S_A at its beginning, shape (4, n_parameters, n_eta).
+
+        Raises
+        ------
+        InputError
+            If an edge is grazed.
+        """
+        moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
+        before = divided.before
+        for part in divided.parts:
+            along, with_length = self._through_part(part, before, moment, moved)
+            if part.edge < 0:
+                longer = -moved
+            else:
+                longer = self._up_to_edge(part, along[0], with_length[0])
+                moved = moved + longer
+                self.found[-1].derivatives[:] = moved
+            moment = along + longer[:, None] * with_length[:, None]
+            before = part.state, part.auxiliary
+        return moment
+
+    def _up_to_edge(self, part: Part, along: np.ndarray, with_length: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the length of a part with the parameters, and note the contact."""
+        edge = self._linearisation.edge(part.edge, part.end, part.state)
+        step = self._model.scene.simulation.step
+        rate = float(edge.gradient @ with_length)
+        if not min(abs(rate), abs(edge.rate)) > GRAZING * step * abs(edge.acceleration):
+            raise InputError(
+                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop (it is crossed at {edge.rate:.3g} "
+                f"/s, and turns back within {GRAZING:g} of a step), so that a small change of a parameter decides "
+                "whether it is met, and there is no derivative; end the run before (simulation.duration), move the "
+                "stop, or change a parameter with --set"
+            )
+        self.found.append(Contact(edge.effect, part.end, edge.rate, np.zeros(len(along))))
+        return -(along @ edge.gradient + edge.by_parameters) / rate
+
+    def _through_part(
+        self, part: Part, before: Moment, moment: np.ndarray, moved: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and those with its
+        length, (4, n_eta)."""
+        h, scheme = part.duration, Scheme.of(self._radius, part.duration)
+        weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
+        there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)
+        late = np.append(moved, 1.0)[:, None]  # how the end moves
+        of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros_like(moment[:, :1])], axis=1)
+        ahead = (now - scheme.alpha_m * auxiliary) * weight
+        q = of_q + h * of_v + h * h * ((0.5 - scheme.beta) * auxiliary + scheme.beta * ahead)
+        v, a = of_v + h * ((1.0 - scheme.gamma) * auxiliary + scheme.gamma * ahead), now.copy()
+        mean = (0.5 - scheme.beta) * behind[0] + scheme.beta * part.auxiliary[0]
+        q[-1] += start.v[0] + 2.0 * h * mean
+        v[-1] += (1.0 - scheme.gamma) * behind[0] + scheme.gamma * part.auxiliary[0]
+        for k, motion in self._model.motions.items():
+            rates = part.state.v[0, k], part.state.a[0, k], motion.angle.third(part.end)
+            q[:, k], v[:, k], a[:, k] = late[:, 0] * np.array(rates)[:, None]
+        by_parameters, by_time = there.by_parameters[0, :-1], there.by_parameters[0, -1]
+        right = -late * by_time - q @ there.by_q[0].T - v @ there.by_v[0].T - a @ there.by_a[0].T
+        right[:-1] -= by_parameters
+        matrix = there.by_q[0] + scheme.gain_v * there.by_v[0] + scheme.gain_a * there.by_a[0]
+        free = np.array([k not in self._model.motions for k in range(len(matrix))])
+        x = np.zeros_like(q)
+        x[:, free] = np.linalg.solve(matrix[np.ix_(free, free)], right[:, free].T).T
+        then = a + scheme.gain_a * x
+        end = ((1.0 - scheme.alpha_f) * then + scheme.alpha_f * now - scheme.alpha_m * auxiliary) * weight
+        found = np.array([q + x, v + scheme.gain_v * x, then, end])
+        return found[:, :-1], found[:, -1]
+
+
+def _at(states: State, number: int) -> State:
+    """Return one of the states of a run, arrays of shape (1, n_eta)."""
+    one = slice(number, number + 1)
+    return State(states.q[one].copy(), states.v[one].copy(), states.a[one].copy(), states.multipliers)
+
+
+def _advanced(radius: float, accelerations: np.ndarray, auxiliary: np.ndarray) -> np.ndarray:
+    """Return the auxiliary accelerations (n_eta,) after the steps between accelerations (n_steps + 1, n_eta)."""
+    scheme = Scheme.of(radius, 1.0)
+    weighted = (1.0 - scheme.alpha_f) * accelerations[1:] + scheme.alpha_f * accelerations[:-1]
+    for row in weighted:
+        auxiliary = (row - scheme.alpha_m * auxiliary) / (1.0 - scheme.alpha_m)
+    return auxiliary
