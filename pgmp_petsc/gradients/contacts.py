@@ -18,7 +18,7 @@ there is no derivative.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,25 +56,6 @@ class Contact:
     derivatives: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class DividedStep:
-    """A step that was taken in parts.
-
-    Attributes
-    ----------
-    number
-        Of the instant at its end.
-    before
-        State and auxiliary accelerations at its beginning, arrays of shape (1, n_eta).
-    parts
-        One behind the other.
-    """
-
-    number: int
-    before: Moment
-    parts: list[Part]
-
-
 class Contacts:
     """The steps of a run of one sample that cross edges of laws.
 
@@ -84,77 +65,64 @@ class Contacts:
         The reduced model, and the value of every parameter.
     linearisation
         Of the sample.
+    times, states
+        Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
 
     Attributes
     ----------
     found
-        What was met and left in the steps that `through` was asked for.
+        What was met and left so far.
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], linearisation: Linearisation) -> None:
-        self._model, self._values, self._linearisation = model, values, linearisation
-        self._radius = model.scene.simulation.spectral_radius
+    def __init__(
+        self,
+        model: ReducedModel,
+        values: Mapping[str, float],
+        linearisation: Linearisation,
+        times: np.ndarray,
+        states: State,
+    ) -> None:
+        self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
+        self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
+        self._free = np.array([k not in model.motions for k in range(states.q.shape[1])])
+        self._beyond = linearisation.depths(times, states) > 0.0
+        self._location: EventLocation | None = None
+        self._known = 0, states.a[0].copy()  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
+        if (self._beyond[1:] != self._beyond[:-1]).any():
+            system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+            self._location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
 
-    def steps(self, times: np.ndarray, states: State) -> Iterator[DividedStep]:
-        """Yield the steps that cross edges, retraced with their parts.
+    def following(self, first: int) -> int:
+        """Return the number of the first instant, from one on, whose step crosses an edge; n_t where there is none."""
+        if self._location is None:
+            return len(self._times)
+        crossing = np.flatnonzero((self._beyond[first:] != self._location.beyond[:, 0]).any(axis=1))
+        return first + int(crossing[0]) if crossing.size else len(self._times)
 
-        Parameters
-        ----------
-        times, states
-            Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
-
-        Raises
-        ------
-        RunError
-            If a step does not lead where the run went.
-        """
-        beyond = self._linearisation.depths(times, states) > 0.0
-        if not (beyond[1:] != beyond[:-1]).any():
-            return
-        system = self._model.batch({name: np.array([value]) for name, value in self._values.items()}, 1)
-        step = times[-1] / (len(times) - 1)
-        location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
-        known, auxiliary, alone = 0, states.a[0].copy(), np.ones(1, dtype=bool)
-        while True:
-            crossing = np.flatnonzero((beyond[known + 1 :] != location.beyond[:, 0]).any(axis=1))
-            if not crossing.size:
-                return
-            number = known + 1 + int(crossing[0])
-            auxiliary = _advanced(self._radius, states.a[known:number], auxiliary)
-            before = _at(states, number - 1), auxiliary[None]
-            parts = location.parts(before, float(times[number]), step, alone)
-            off = np.inf
-            if parts is not None:
-                off = np.abs((parts[-1].state.q[0] - states.q[number]) * self._model.terms.scale).max()
-            if not off <= RETRACED:
-                raise RunError(
-                    f"the step with a contact that ends at {times[number]:.6g} s could not be retraced: it ends {off:.2g}"
-                    " of the mechanism's size (or rad) from where the run went; try a smaller simulation.step"
-                )
-            yield DividedStep(number, before, parts)
-            known, auxiliary = number, parts[-1].auxiliary[0]
-
-    def through(self, divided: DividedStep, moment: np.ndarray) -> np.ndarray:
-        """Take the sensitivities through a step; return them at its end.
+    def through(self, number: int, moment: np.ndarray) -> np.ndarray:
+        """Take the sensitivities through the step up to an instant; return them there.
 
         Parameters
         ----------
+        number
+            Of the instant, as `following` gives it.
         moment
-            S_q, S_v, S_a and S_A at its beginning, shape (4, n_parameters, n_eta).
+            S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
 
         Raises
         ------
         InputError
             If an edge is grazed.
+        RunError
+            If the step does not lead where the run went.
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
-        before = divided.before
-        for part in divided.parts:
+        before, parts = self._retraced(number)
+        for part in parts:
             along, with_length = self._through_part(part, before, moment, moved)
-            if part.edge < 0:
-                longer = -moved
-            else:
+            longer = -moved
+            if part.edge >= 0:
                 longer = self._up_to_edge(part, along[0], with_length[0])
                 moved = moved + longer
                 self.found[-1].derivatives[:] = moved
@@ -162,12 +130,28 @@ class Contacts:
             before = part.state, part.auxiliary
         return moment
 
+    def _retraced(self, number: int) -> tuple[Moment, list[Part]]:
+        """Return the beginning of the step up to an instant, and its parts."""
+        known, auxiliary = self._known
+        auxiliary = _advanced(self._radius, self._states.a[known:number], auxiliary)
+        before, end = (_at(self._states, number - 1), auxiliary[None]), float(self._times[number])
+        parts = self._location.parts(before, end, self._step, np.ones(1, dtype=bool))
+        off = np.inf
+        if parts is not None:
+            off = np.abs((parts[-1].state.q[0] - self._states.q[number]) * self._model.terms.scale).max()
+        if not off <= RETRACED:
+            raise RunError(
+                f"the step with a contact that ends at {end:.6g} s could not be retraced: it ends {off:.2g} of the "
+                "mechanism's size (or rad) from where the run went; try a smaller simulation.step"
+            )
+        self._known = number, parts[-1].auxiliary[0]
+        return before, parts
+
     def _up_to_edge(self, part: Part, along: np.ndarray, with_length: np.ndarray) -> np.ndarray:
         """Return the derivatives of the length of a part with the parameters, and note the contact."""
         edge = self._linearisation.edge(part.edge, part.end, part.state)
-        step = self._model.scene.simulation.step
         rate = float(edge.gradient @ with_length)
-        if not min(abs(rate), abs(edge.rate)) > GRAZING * step * abs(edge.acceleration):
+        if not min(abs(rate), abs(edge.rate)) > GRAZING * self._step * abs(edge.acceleration):
             raise InputError(
                 f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop (it is crossed at {edge.rate:.3g} "
                 f"/s, and turns back within {GRAZING:g} of a step), so that a small change of a parameter decides "
@@ -200,7 +184,7 @@ class Contacts:
         right = -late * by_time - q @ there.by_q[0].T - v @ there.by_v[0].T - a @ there.by_a[0].T
         right[:-1] -= by_parameters
         matrix = there.by_q[0] + scheme.gain_v * there.by_v[0] + scheme.gain_a * there.by_a[0]
-        free = np.array([k not in self._model.motions for k in range(len(matrix))])
+        free = self._free
         x = np.zeros_like(q)
         x[:, free] = np.linalg.solve(matrix[np.ix_(free, free)], right[:, free].T).T
         then = a + scheme.gain_a * x

@@ -133,7 +133,7 @@ def differentiate(
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure}")
     times, states = trail.of_sample(0)
     linearisation = Linearisation(model, values, names)
-    contacts = Contacts(model, values, linearisation)
+    contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         outputs = model.outputs.evaluate(model.observed_of(states.q, values))
@@ -156,19 +156,19 @@ def _propagated(
     result = np.empty((n_t, len(linearisation.names), n))
     result[0] = moment[0]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
-    for divided in (*contacts.steps(times, states), None):
-        behind = n_t if divided is None else divided.number
-        for begin in range(first, behind, at_once):
-            part = slice(begin, min(begin + at_once, behind))
+    while first < n_t:
+        crossing = contacts.following(first)
+        for begin in range(first, crossing, at_once):
+            part = slice(begin, min(begin + at_once, crossing))
             here = linearisation.at(times[part], _part(states, part), scheme)
             propagate(
                 here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
                 result[part],
             )  # fmt: skip
-        if divided is not None:
-            moment = contacts.through(divided, moment)
-            result[behind] = moment[0]
-        first = behind + 1
+        if crossing < n_t:
+            moment = contacts.through(crossing, moment)
+            result[crossing] = moment[0]
+        first = crossing + 1
     return result
 
 
