@@ -34,7 +34,7 @@ class Part:
     end, duration
         s.
     edge
-        The edge that it goes up to, -1 where it ends with the step.
+        The edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end.
     state, auxiliary
         State and auxiliary accelerations at its end.
     """
@@ -100,6 +100,8 @@ class EventLocation:
     def parts(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
         """Take one sample to the end of a step, edge by edge; None where its iteration fails.
 
+        No part goes up to an edge that lies at the beginning of the step, or where another one is.
+
         Parameters
         ----------
         moment
@@ -125,9 +127,8 @@ class EventLocation:
                 if moment is None:
                     return None
                 left -= first
-                at_end = left <= SHORTEST * step
-                taken.append(Part(end - left, first, -1 if at_end else int(edge), *moment))
-                if at_end:
+                taken.append(Part(end - left, first, int(edge), *moment))
+                if left <= SHORTEST * step:
                     return taken
         last = self._advance(moment, end, left, alone)
         return None if last is None else [*taken, Part(end, left, -1, *last)]

@@ -3,7 +3,8 @@
 The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
 stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
 begins and ends at zero (`effects.laws`). The discrete map is differentiated, with the length h of a part as one more
-variable. With the prediction of `propagation` and all other symbols from there,
+variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagation` and all
+other symbols from there,
 
     d q_hat/dh = q'_n + 2 h ((1/2 - beta) A_n + beta A_{n+1}),     d q'_hat/dh = (1 - gamma) A_n + gamma A_{n+1},
 
@@ -12,8 +13,8 @@ a part that goes up to an edge, and the length of the last part, whose end is fi
 
     depth_q (S + S_h h_p) + depth_p = 0,     dt*/dp = dt*_before/dp + h_p,     h_p of the last part = - dt*_before/dp.
 
-Where the path turns at the edge, depth' = 0, it is met or not depending on the parameter (grazing, Nordmark 1991), and
-there is no derivative.
+It makes no difference on which side of the edge the residual is linearised: the term of the stop's stiffness is
+multiplied by the first of these equations. Where the path turns at the edge (grazing), the instant has no derivative.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
 
-GRAZING = 1e-3  # of a step: a path that turns so near to the edge is told from one that does not meet it by no run
+GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
 RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step
+TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +44,21 @@ class Contact:
     ----------
     effect
         Name of the stop.
+    met
+        Whether it is met there, or left.
     time
         s.
-    rate
-        Of the depth, positive where it is met; m/s or rad/s.
+    turning
+        Within which time the path would turn back, from its rate and acceleration there, s: the less, the nearer it is
+        to grazing.
     derivatives
         Of the time with the parameters, shape (n_parameters,), s per unit.
     """
 
     effect: str
+    met: bool
     time: float
-    rate: float
+    turning: float
     derivatives: np.ndarray
 
 
@@ -123,9 +129,10 @@ class Contacts:
             along, with_length = self._through_part(part, before, moment, moved)
             longer = -moved
             if part.edge >= 0:
-                longer = self._up_to_edge(part, along[0], with_length[0])
-                moved = moved + longer
-                self.found[-1].derivatives[:] = moved
+                up_to_edge = self._up_to_edge(part, along[0], with_length[0])
+                self.found[-1].derivatives[:] = moved + up_to_edge
+                longer = longer if part is parts[-1] else up_to_edge
+            moved = moved + longer
             moment = along + longer[:, None] * with_length[:, None]
             before = part.state, part.auxiliary
         return moment
@@ -151,14 +158,15 @@ class Contacts:
         """Return the derivatives of the length of a part with the parameters, and note the contact."""
         edge = self._linearisation.edge(part.edge, part.end, part.state)
         rate = float(edge.gradient @ with_length)
-        if not min(abs(rate), abs(edge.rate)) > GRAZING * self._step * abs(edge.acceleration):
+        turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
+        if not turning > GRAZING * self._step:
             raise InputError(
-                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop (it is crossed at {edge.rate:.3g} "
-                f"/s, and turns back within {GRAZING:g} of a step), so that a small change of a parameter decides "
-                "whether it is met, and there is no derivative; end the run before (simulation.duration), move the "
-                "stop, or change a parameter with --set"
+                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
+                f"{turning:.2g} s, less than {GRAZING:g} of a step, so that the least change of a parameter decides "
+                "whether they meet, and the instant has no derivative; end the run before (simulation.duration), move "
+                "the stop, or change a parameter (--set)"
             )
-        self.found.append(Contact(edge.effect, part.end, edge.rate, np.zeros(len(along))))
+        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along))))
         return -(along @ edge.gradient + edge.by_parameters) / rate
 
     def _through_part(
@@ -170,7 +178,7 @@ class Contacts:
         weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
         there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)
         late = np.append(moved, 1.0)[:, None]  # how the end moves
-        of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros_like(moment[:, :1])], axis=1)
+        of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros((4, 1, moment.shape[2]))], axis=1)
         ahead = (now - scheme.alpha_m * auxiliary) * weight
         q = of_q + h * of_v + h * h * ((0.5 - scheme.beta) * auxiliary + scheme.beta * ahead)
         v, a = of_v + h * ((1.0 - scheme.gamma) * auxiliary + scheme.gamma * ahead), now.copy()
@@ -200,9 +208,11 @@ def _at(states: State, number: int) -> State:
 
 
 def _advanced(radius: float, accelerations: np.ndarray, auxiliary: np.ndarray) -> np.ndarray:
-    """Return the auxiliary accelerations (n_eta,) after the steps between accelerations (n_steps + 1, n_eta)."""
+    """Return the auxiliary accelerations (n_eta,) after the steps between accelerations (n_steps + 1, n_eta).
+
+    The scheme's recursion ``A_{n+1} = - c A_n + w_n`` as the sum that it is; c is between -1/2 and 1.
+    """
     scheme = Scheme.of(radius, 1.0)
     weighted = (1.0 - scheme.alpha_f) * accelerations[1:] + scheme.alpha_f * accelerations[:-1]
-    for row in weighted:
-        auxiliary = (row - scheme.alpha_m * auxiliary) / (1.0 - scheme.alpha_m)
-    return auxiliary
+    n, c = len(weighted), scheme.alpha_m / (1.0 - scheme.alpha_m)
+    return (-c) ** n * auxiliary + (-c) ** np.arange(n - 1, -1, -1.0) @ weighted / (1.0 - scheme.alpha_m)
