@@ -15,8 +15,10 @@ from two_coordinates import double_pendulum
 
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.design import Design
@@ -41,7 +43,7 @@ STOP = 'effects.stop={type="end_stop",joint="crank_hinge",upper=0.45,stiffness="
 # to and fro between two ends, under loads that change with time and follow the body, and friction
 BOUNCING = (
     "parameters.push={nominal=1.0}", "simulation.initial.theta={position=0.4,velocity=6.0}", "simulation.step=1e-3",
-    "simulation.duration=0.065",
+    "simulation.duration=0.05",
     'effects.stop={type="end_stop",joint="crank_hinge",lower=0.35,upper=0.45,stiffness=2000.0,damping=0.05}',
     'effects.jet={type="force",point="rod:1",direction=[0.0,1.0],follows=true,scale="push",harmonic={amplitude=4.0,frequency_hz=30.0}}',
     'effects.push={type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
@@ -57,7 +59,8 @@ SCENES = {
     "a contact": slider_crank(*MODES, *MOVING, *K, STOP),
     "a drive": slider_crank(*MODES, NO_MOTOR, *DRIVE, "parameters.k={nominal=3e3}", SLIDER),
     "two coordinates": double_pendulum(
-        *RUN, "simulation.duration=0.03", "reduction.modes=2", "reduction.angles=6", "parameters.k={nominal=40.0}", ELBOW,
+        *RUN, "reduction.modes=2", "reduction.angles=4", "parameters.k={nominal=40.0}", ELBOW,
+        'coordinates.theta1={joint="shoulder",range=[0.2,0.8]}', 'coordinates.theta2={joint="elbow",range=[-0.6,0.0]}',
         'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-2.0}}",
         'outputs.elbow={type="angle",joint="elbow"}',
@@ -75,6 +78,31 @@ def test_derivatives_are_central_differences(model: ReducedModel) -> None:
     compare(model, (1e-4,))
 
 
+def test_edges_are_differentiated(model: ReducedModel) -> None:
+    """Against differences of how far they are crossed, at the end of the run and along its motion."""
+    run = differentiate(model, model.scene.values, ())
+    linearisation, step = Linearisation(model, model.scene.values, ["r1"][: "r1" in model.scene.values]), 1e-3
+    q, n = run.eta[-1:], run.eta.shape[1]
+    v, a = (run.eta[-1:] - run.eta[-2:-1]) / step, 30.0 * np.ones((1, n))
+
+    def depths(at: np.ndarray) -> np.ndarray:
+        return linearisation.depths(np.zeros(len(at)), State(at, np.zeros_like(at), np.zeros_like(at), np.zeros(0)))
+
+    h = np.diag(1e-4 / model.terms.scale)
+    slopes = (depths(q + h) - depths(q - h)) / (2.0 * np.diag(h)[:, None])
+    t = 1e-4
+    path = np.concatenate([q + s * v + 0.5 * s * s * a for s in (-t, 0.0, t)])
+    behind, here, ahead = depths(path)
+    for event in range(depths(q).shape[1]):
+        edge = linearisation.edge(event, 0.0, State(q, v, a, np.zeros(0)))
+        assert edge.effect == "stop" and not edge.by_parameters.any()
+        # truncation of the differences leaves 1e-8 of an angle's arc, rounding 1e-12 of them
+        np.testing.assert_allclose(edge.gradient, slopes[:, event], rtol=0, atol=1e-7 * np.abs(slopes).max())
+        assert edge.rate == pytest.approx((ahead - behind)[event] / (2.0 * t), rel=1e-5)
+        curved = (ahead - 2.0 * here + behind)[event] / t**2
+        assert edge.acceleration == pytest.approx(curved, rel=1e-4, abs=1e-12 / t**2)
+
+
 def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a run's iterations leave, 1e-11 a step, grows from contact to contact: both sides are carried to round-off."""
 
@@ -83,7 +111,7 @@ def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: 
 
     monkeypatch.setattr(differentiated, "integrate", carefully)
     model = reduced_model(slider_crank(*MODES, *BOUNCING))
-    assert len(differentiate(model, model.scene.values, ()).contacts) == 4
+    assert len(differentiate(model, model.scene.values, ()).contacts) == 3
     compare(model, (2e-5,), "push")
 
 
@@ -126,24 +154,25 @@ def closed_form(model: ReducedModel, time: np.ndarray, k: float) -> tuple[np.nda
 
 
 def test_a_bouncing_bar_has_the_derivatives_of_its_closed_form() -> None:
-    off = []
-    for step in (2e-3, 1e-3, 5e-4):
+    off, steps = [], (1e-3, 5e-4, 2.5e-4)
+    for step in steps:
         model = bar(step)
-        run = differentiate(model, model.scene.values, ["k"])
-        k = model.scene.values["k"]
+        run, k = differentiate(model, model.scene.values, ["k"]), model.scene.values["k"]
         omega, slope = np.sqrt(k / inertia(model)), closed_form(model, run.time, k)[1]
         assert [contact.met for contact in run.contacts] == [True, False]
-        np.testing.assert_allclose(run.contacts[0].derivatives, 0.0, atol=1e-12)
-        found = run.contacts[1].derivatives[0]
-        late = -np.pi / (2.0 * omega * k)
-        off.append([np.abs(run.derivatives["angle"]["k"] - slope).max() / np.abs(slope).max(), abs(found / late - 1.0)])
-    print(off)
-    # the scheme's phase is late by (omega h)^2 / 12, and with it what follows from it
-    assert max(off[-1]) < (omega * 5e-4) ** 2
-    np.testing.assert_allclose(np.log2(np.array(off[:-1]) / off[1:]), 2.0, atol=0.25)
+        met, left = (contact.derivatives[0] for contact in run.contacts)
+        error, within = np.abs(run.derivatives["angle"]["k"] / slope.min() - slope / slope.min()), run.time < 0.057
+        # it is met whenever it is met; half a period later it is left
+        assert abs(met) < 1e-12 * abs(left)
+        off.append([error[within].max(), abs(left / (-np.pi / (2.0 * omega * k)) - 1.0)])
+        # the speed with which it is left has an error that depends on where in a step that is
+        assert error.max() < 3.0 * (omega * step) ** 2
+    # the scheme's phase is late by (omega h)^2 / 12 of itself, and with it what follows from it
+    assert max(off[-1]) < (omega * steps[-1]) ** 2
+    np.testing.assert_allclose(np.log2(np.array(off[:-1]) / off[1:]), 2.0, atol=0.3)
 
 
-def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant() -> None:
+def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing: ReducedModel) -> None:
     """The bar is thrown against a constant torque, so fast that it is farthest at the end of a step."""
     torque = 'effects.motor={type="torque",joint="hinge",table=[[0.0,-4.0],[1.0,-4.0]]}'
 
@@ -154,22 +183,19 @@ def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant() -> Non
     def run_of(model: ReducedModel) -> DifferentiatedRun:
         return differentiate(model, model.scene.values, ["r", "k"])
 
-    slowing = 4.0 / 0.2042
+    slowing = 4.0 / inertia(bouncing)
     velocity = 0.05 * slowing
-    for _ in range(4):  # until it is
+    for _ in range(2):  # until it is
         angle = run_of(of(velocity, 10.0)).outputs["angle"]
-        slowing = -(angle[51] - 2.0 * angle[50] + angle[49]) / 1e-6
         velocity -= (angle[51] - angle[49]) / 2e-3
-        print(velocity, slowing, angle[51]-angle[50], angle[49]-angle[50])
     farthest = float(angle[50])
-    with pytest.raises(InputError, match=r"effects\.stop: at 0\.05 s the run grazes this stop: its path turns back"):
-        run_of(of(velocity, farthest - 1e-11))
-    beyond = 1e-5
+    with pytest.raises(InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop: its path turns back"):
+        run_of(of(velocity, farthest - 1e-12))
+    beyond = 1e-6
     run = run_of(of(velocity, farthest - beyond))
-    print(run.contacts)
     assert [contact.met for contact in run.contacts] == [True, False]
-    assert run.contacts[0].turning == pytest.approx(np.sqrt(2.0 * beyond / slowing), rel=1e-3)
-    assert run.contacts[0].time == pytest.approx(0.05 - run.contacts[0].turning, rel=1e-5)
+    # the stop takes 1 % of the acceleration
+    assert run.contacts[0].turning == pytest.approx(np.sqrt(2.0 * beyond / slowing), rel=2e-2)
 
 
 def test_a_step_that_cannot_be_retraced_is_said(bouncing: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
