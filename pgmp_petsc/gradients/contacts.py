@@ -8,8 +8,8 @@ other symbols from there,
 
     d q_hat/dh = q'_n + 2 h ((1/2 - beta) A_n + beta A_{n+1}),     d q'_hat/dh = (1 - gamma) A_n + gamma A_{n+1},
 
-and r has a derivative with time itself where loads change, so that one more right-hand side gives ``S_h``. The end t* of
-a part that goes up to an edge, and the length of the last part, whose end is fixed, follow from
+and r has a derivative with time itself where loads change, so that one more right-hand side gives ``S_h``. The end t*
+of a part that goes up to an edge, and the length of the last part, whose end is fixed, follow from
 
     depth_q (S + S_h h_p) + depth_p = 0,     dt*/dp = dt*_before/dp + h_p,     h_p of the last part = - dt*_before/dp.
 

@@ -69,9 +69,7 @@ class Linearisation:
         self._local = LocalDerivatives(model, values, names)
         self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
 
-    def at(
-        self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False
-    ) -> Linearised:
+    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the

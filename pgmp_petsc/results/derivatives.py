@@ -18,7 +18,7 @@ dataset                              shape            content
 ``.../time_of_max``, ``time_of_min`` ()               s
 ``.../max_derivatives``,             (n_parameters)   their derivatives: those of the output at that instant
 ``.../min_derivatives``
-``/contacts/effects``                (n_contacts)     names of the end stops that are met and left, in the order of time;
+``/contacts/effects``                (n_contacts)     names of the end stops that are met and left, in order of time;
                                                       the group is there if any is
 ``.../time``, ``.../met``            (n_contacts)     s; 1 where it is met, 0 where it is left
 ``.../turning``                      (n_contacts)     within which time the path would turn back there, s
