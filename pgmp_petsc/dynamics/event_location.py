@@ -10,6 +10,8 @@ among them of which a part of a step fails.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
@@ -21,6 +23,27 @@ TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own
 SHORTEST = 1e-6  # part of a step that is worth a step of its own
 
 Moment = tuple[State, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a step, as one sample takes it.
+
+    Attributes
+    ----------
+    end, duration
+        s.
+    edge
+        The edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end.
+    state, auxiliary
+        State and auxiliary accelerations at its end.
+    """
+
+    end: float
+    duration: float
+    edge: int
+    state: State
+    auxiliary: np.ndarray
 
 
 class EventLocation:
@@ -68,33 +91,47 @@ class EventLocation:
 
     def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:
         """Repeat the step of one sample; return it as a mask if its iteration failed."""
-        reached = self._through(before, end, step, alone)
-        if reached is None:
+        parts = self.parts(before, end, step, alone)
+        if parts is None:
             return alone
-        _put(self._system, after, reached, alone)
+        _put(self._system, after, (parts[-1].state, parts[-1].auxiliary), alone)
         return np.zeros_like(alone)
 
-    def _through(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> Moment | None:
-        """Take one sample to the end of the step, edge by edge; None where its iteration fails."""
-        left = step
+    def parts(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
+        """Take one sample to the end of a step, edge by edge; None where its iteration fails.
+
+        No part goes up to an edge that lies at the beginning of the step, or where another one is.
+
+        Parameters
+        ----------
+        moment
+            State and auxiliary accelerations at the beginning of the step.
+        end, step
+            End and length of the step, s.
+        alone
+            The sample as a mask, shape (n_samples,).
+        """
+        left, taken = step, []
         for _ in range(MAX_EVENTS):
             there = self._advance(moment, end, left, alone)
             if there is None:
                 return None
             crossed = np.flatnonzero(self._crossed(end, there, alone))
             if not crossed.size:
-                return there
+                return [*taken, Part(end, left, -1, *there)]
             first, edge = min((self._root(moment, end, left, alone, edge), edge) for edge in crossed)
             self.beyond[edge, alone] = ~self.beyond[edge, alone]
             self.n_located += 1
             if first > SHORTEST * step:
                 moment = self._advance(moment, end - left + first, first, alone)
+                if moment is None:
+                    return None
                 left -= first
-            if moment is None:
-                return None
-            if left <= SHORTEST * step:
-                return moment
-        return self._advance(moment, end, left, alone)
+                taken.append(Part(end - left, first, int(edge), *moment))
+                if left <= SHORTEST * step:
+                    return taken
+        last = self._advance(moment, end, left, alone)
+        return None if last is None else [*taken, Part(end, left, -1, *last)]
 
     def _root(self, moment: Moment, end: float, left: float, alone: np.ndarray, edge: int) -> float:
         """Return how long it takes to the edge, s."""

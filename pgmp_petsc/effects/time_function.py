@@ -78,6 +78,13 @@ class TimeFunction:
         fill(self._alone, times.ravel(), found)
         return found.reshape(3, *times.shape)
 
+    def third(self, time: float) -> float:
+        """Return the third derivative at a time."""
+        alone = self._alone
+        piece = max(int(np.searchsorted(alone.begins, time, side="right")) - 1, 0)
+        amplitude, rate, phase = alone.waves[piece]
+        return float(6.0 * alone.cubics[piece, 3] - rate**3 * amplitude * np.cos(rate * time + phase))
+
 
 def joined(functions: Sequence[TimeFunction]) -> TimeFunctions:
     """Return several functions as compiled code takes them."""

@@ -11,6 +11,7 @@ from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.observed import ObservedChanges
 from pgmp_petsc.gradients.propagation import propagate
@@ -38,6 +39,8 @@ class DifferentiatedRun:
         Reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta).
     steps_divided
         By what the scene's step was divided.
+    contacts
+        Instants at which end stops are met and left, with their own derivatives.
     """
 
     time: np.ndarray
@@ -46,6 +49,7 @@ class DifferentiatedRun:
     eta: np.ndarray
     changes: np.ndarray
     steps_divided: int = 1
+    contacts: tuple[Contact, ...] = ()
 
 
 class _Trail:
@@ -97,7 +101,7 @@ def differentiate(
     Raises
     ------
     InputError
-        If the scene has no outputs, there is no static equilibrium to start from, or an end stop is met or left.
+        If the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed.
     RunError
         If the run stops before its end, with smaller steps too.
     """
@@ -129,19 +133,21 @@ def differentiate(
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure}")
     times, states = trail.of_sample(0)
     linearisation = Linearisation(model, values, names)
-    changes = _propagated(model, linearisation, times, states)
+    contacts = Contacts(model, values, linearisation, times, states)
+    changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         outputs = model.outputs.evaluate(model.observed_of(states.q, values))
         observed = ObservedChanges(model, values, states.q)
         by_name = {name: observed.of(name, changes[:, number]) for number, name in enumerate(names)}
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
     _require_finite(outputs, derivatives, times)
-    return DifferentiatedRun(times, outputs, derivatives, states.q, changes, attempt.divisor)
+    return DifferentiatedRun(times, outputs, derivatives, states.q, changes, attempt.divisor, tuple(contacts.found))
 
 
-def _propagated(model: ReducedModel, linearisation: Linearisation, times: np.ndarray, states: State) -> np.ndarray:
+def _propagated(
+    model: ReducedModel, linearisation: Linearisation, contacts: Contacts, times: np.ndarray, states: State
+) -> np.ndarray:
     """Return the derivatives of the reduced coordinates over the run, shape (n_t, n_parameters, n_eta)."""
-    _refuse_edges(linearisation.crossed(times, states))
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
@@ -149,35 +155,25 @@ def _propagated(model: ReducedModel, linearisation: Linearisation, times: np.nda
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
     result = np.empty((n_t, len(linearisation.names), n))
     result[0] = moment[0]
-    at_once = max(16, MOST_NUMBERS // (3 * n * n))
-    for first in range(1, n_t, at_once):
-        part = slice(first, min(first + at_once, n_t))
-        here = linearisation.at(times[part], _part(states, part), scheme)
-        propagate(
-            here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
-            result[part],
-        )  # fmt: skip
+    at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
+    while first < n_t:
+        crossing = contacts.following(first)
+        for begin in range(first, crossing, at_once):
+            part = slice(begin, min(begin + at_once, crossing))
+            here = linearisation.at(times[part], _part(states, part), scheme)
+            propagate(
+                here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
+                result[part],
+            )  # fmt: skip
+        if crossing < n_t:
+            moment = contacts.through(crossing, moment)
+            result[crossing] = moment[0]
+        first = crossing + 1
     return result
 
 
 def _part(states: State, part: slice) -> State:
     return State(states.q[part], states.v[part], states.a[part], states.multipliers)
-
-
-def _refuse_edges(effects: Sequence[str]) -> None:
-    """Refuse a run in which stops are met or left: the instant depends on the parameters, and its step is taken apart.
-
-    Raises
-    ------
-    InputError
-        Naming the effects.
-    """
-    if effects:
-        named = ", ".join(f"effects.{name}" for name in effects)
-        raise InputError(
-            f"{named}: the run meets or leaves this stop, and how its instant moves with the parameters is not "
-            "differentiated; end the run before (simulation.duration), or move the stop out of reach"
-        )
 
 
 def _require_finite(

@@ -19,7 +19,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.elimination import factorise, hold, substitute
 from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
 from pgmp_petsc.gradients.lagrangian import fill_balance, fill_tangents, room, take_up
-from pgmp_petsc.gradients.local_effects import LocalDerivatives
+from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.vectors import N_POWERS, N_POWERS_OF_RIGID
@@ -69,33 +69,41 @@ class Linearisation:
         self._local = LocalDerivatives(model, values, names)
         self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
 
-    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None) -> Linearised:
+    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
         mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
+        If asked for, the derivative with time in a given state is the last of those with the parameters.
         """
         n_t, n = states.q.shape
-        amplitudes = np.array([effect.amplitude(times) for effect in self._load_effects]).reshape(-1, n_t)
-        loads = np.einsum("sl,lt->tsl", self._load_weights, amplitudes)
+        strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
+        weights, loads = self._weights, np.einsum("sl,lt->tsl", self._load_weights, strengths[:, 0])
+        if with_time:
+            weights = np.concatenate([weights, np.zeros_like(weights[:1])])
+            loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)),
-            np.zeros((n_t, len(self.names), n)),
+            np.zeros((n_t, len(weights) - 1, n)),
             np.zeros((n_t, n)),
         )
         self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
-            self._terms.layout, self._terms.grid, self._terms.polynomials, self._weights, np.ascontiguousarray(loads),
+            self._terms.layout, self._terms.grid, self._terms.polynomials, weights, np.ascontiguousarray(loads),
             0.0 if damping is None else damping.mass, self._prescribed, gains,
             tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a)),
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
         return result
 
-    def crossed(self, times: np.ndarray, states: State) -> list[str]:
-        """Return the effects whose laws have edges that the states cross from one instant to the next."""
-        return self._local.crossed(times, states)
+    def depths(self, times: np.ndarray, states: State) -> np.ndarray:
+        """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
+        return self._local.depths(times, states)
+
+    def edge(self, event: int, time: float, state: State) -> Edge:
+        """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
+        return self._local.edge(event, time, state)
 
 
 def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: Sequence[str]) -> np.ndarray:

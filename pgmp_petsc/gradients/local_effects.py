@@ -11,6 +11,7 @@ H follows from differences of g, which is exact; they leave 1e-8 of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +30,27 @@ DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechani
 S, SPEED, FORCE, STIFFNESS, DAMPING, DEPTH = range(6)  # what is measured of an action
 
 
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """How far an edge of a law is crossed, depth, in a state: its derivatives.
+
+    Attributes
+    ----------
+    effect
+        Name of the effect.
+    gradient, by_parameters
+        With the reduced coordinates, shape (n_eta,), and with the parameters in a given state, (n_parameters,).
+    rate, acceleration
+        With time along the motion, per s and per s2.
+    """
+
+    effect: str
+    gradient: np.ndarray
+    by_parameters: np.ndarray
+    rate: float
+    acceleration: float
+
+
 class LocalDerivatives:
     """Derivatives of the local effects of one sample.
 
@@ -43,6 +65,7 @@ class LocalDerivatives:
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
         quantities = [[quantity for quantity in action.parameters] for action in self._actions]
+        self._edges = model.actions.edges
         # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, N_PARAMETERS)
         self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
         for row, name in zip(self._changes, names):
@@ -54,7 +77,10 @@ class LocalDerivatives:
         self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
         residual: np.ndarray,
     ) -> None:  # fmt: skip
-        """Add all local effects to the residual and its derivatives; see `Linearised`."""
+        """Add all local effects to the residual and its derivatives; see `Linearised`.
+
+        A row of `by_parameters` behind those of the parameters is that with time.
+        """
         if not self._actions:
             return
         gradient, measured = self._measured(times, states.q, states.v)
@@ -76,15 +102,32 @@ class LocalDerivatives:
             if own.any():
                 p = self._local.actions.parameters[number, 0]
                 slopes = parameter_slopes(action.law, p, strengths[:, number], *measured[:, number].T)
-                by_parameters -= np.einsum("pk,kt,ti->tpi", own, slopes, gradient[:, number])
+                by_parameters[:, : len(own)] -= np.einsum("pk,kt,ti->tpi", own, slopes, gradient[:, number])
+            if action.amplitude is not None and by_parameters.shape[1] > len(own):
+                rate = action.amplitude.with_rates(times)[1] * self._local.actions.parameters[number, 0, 0]
+                by_parameters[:, -1] -= rate[:, None] * gradient[:, number]
 
-    def crossed(self, times: np.ndarray, states: State) -> list[str]:
-        """Return the effects whose laws have edges that the states cross from one instant to the next."""
-        if not any(action.has_events for action in self._actions):
-            return []
-        beyond = self._measured(times, states.q, states.v)[1][:, :, DEPTH] > 0.0
-        changed = (beyond[1:] != beyond[:-1]).any(axis=0)
-        return sorted({action.effect for action, crossed in zip(self._actions, changed) if crossed})
+    def depths(self, times: np.ndarray, states: State) -> np.ndarray:
+        """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
+        if not self._edges:
+            return np.zeros((len(times), 0))
+        return self._measured(times, states.q, states.v)[1][:, self._edges, DEPTH]
+
+    def edge(self, event: int, time: float, state: State) -> Edge:
+        """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
+        action, times = self._edges[event], np.array([time])
+        gradient, measured = self._measured(times, state.q, state.v)
+        # along the motion, over a time that moves no coordinate further than the differences above
+        turn = DIFFERENCE / max(np.abs(state.v * self._terms.scale).max(), 1.0)
+        turned = (self._measured(times, state.q + turn * state.v, state.v)[0] - gradient)[0, action] / turn
+        side = self._local.actions.parameters[action, 0, 3]
+        return Edge(
+            self._actions[action].effect,
+            side * gradient[0, action],
+            -side * self._changes[:, action, 2],
+            side * measured[0, action, SPEED],
+            side * float(gradient[0, action] @ state.a[0] + turned @ state.v[0]),
+        )
 
     def _measured(self, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return gradients of the measures (n_t, n_actions, n_eta), and what is measured (n_t, n_actions, 6)."""

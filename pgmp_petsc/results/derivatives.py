@@ -18,6 +18,12 @@ dataset                              shape            content
 ``.../time_of_max``, ``time_of_min`` ()               s
 ``.../max_derivatives``,             (n_parameters)   their derivatives: those of the output at that instant
 ``.../min_derivatives``
+``/contacts/effects``                (n_contacts)     names of the end stops that are met and left, in order of time;
+                                                      the group is there if any is
+``.../time``, ``.../met``            (n_contacts)     s; 1 where it is met, 0 where it is left
+``.../turning``                      (n_contacts)     within which time the path would turn back there, s
+``.../derivatives``                  (n_contacts,     of the instants with the parameters, s per unit
+                                     n_parameters)
 ==================================== ================ ================================================================
 """
 
@@ -27,11 +33,15 @@ import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+
+if TYPE_CHECKING:
+    import h5py
 
 KIND = "sensitivities"
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
@@ -57,6 +67,29 @@ class Figure:
     derivatives: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Instants at which end stops are met and left.
+
+    Attributes
+    ----------
+    effects
+        Names of the stops.
+    met
+        Whether each is met, or left, shape (n_contacts,).
+    time, turning
+        When, and within which time the path would turn back there, s, shape (n_contacts,).
+    derivatives
+        Of the times with the parameters, shape (n_contacts, n_parameters), s per unit.
+    """
+
+    effects: tuple[str, ...]
+    met: np.ndarray
+    time: np.ndarray
+    turning: np.ndarray
+    derivatives: np.ndarray
+
+
 @dataclass(frozen=True)
 class Derivatives:
     """Derivatives of one run.
@@ -77,6 +110,8 @@ class Derivatives:
         Of the parameters; zero where one has no distribution.
     steps_divided : int
         By what the scene's step was divided.
+    contacts : Instants or None
+        Of contacts with end stops; None where there are none.
     """
 
     record: RunRecord
@@ -87,6 +122,7 @@ class Derivatives:
     changes: dict[str, tuple[float, str]]
     correlation: np.ndarray
     steps_divided: int = 1
+    contacts: Instants | None = None
 
     def __post_init__(self) -> None:
         check_shape("time", self.time, (None,))
@@ -97,6 +133,8 @@ class Derivatives:
                 raise ValueError(f"derivatives of '{output}' are not with the parameters of the run")
             for name, found in self.derivatives[output].items():
                 check_shape(f"derivative of '{output}' with '{name}'", found, (len(self.time),))
+        if self.contacts is not None:
+            check_shape("contacts", self.contacts.derivatives, (len(self.contacts.effects), len(self.changes)))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -148,6 +186,16 @@ class Derivatives:
                         file, f"extremes/{output}/{key}_derivatives", figure.derivatives,
                         ", ".join(units.values()), f"derivatives of the {of} with the parameters",
                     )  # fmt: skip
+            if self.contacts is not None:
+                self._write_contacts(file.create_group("contacts"), self.contacts)
+
+    def _write_contacts(self, group: h5py.Group, contacts: Instants) -> None:
+        put(group, "effects", list(contacts.effects), "1", "end stops that are met and left")
+        put(group, "met", contacts.met.astype(int), "1", "1 where it is met, 0 where it is left")
+        put(group, "time", contacts.time, "s", "when")
+        put(group, "turning", contacts.turning, "s", "within which time the path would turn back there")
+        units = ", ".join(f"s/({self.units.get(name, '1')})" for name in self.parameters)
+        put(group, "derivatives", contacts.derivatives, units, "of the instants with the parameters")
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Derivatives:
@@ -168,4 +216,16 @@ class Derivatives:
                 changes,
                 take(file, "correlation", 2),
                 int(file.attrs["steps_divided"]),
+                _contacts_of(file["contacts"]) if "contacts" in file else None,
             )
+
+
+def _contacts_of(group: h5py.Group) -> Instants:
+    """Read the contacts of a file."""
+    return Instants(
+        tuple(name.decode() for name in take(group, "effects", 1, texts=True)),
+        take(group, "met", 1).astype(bool),
+        take(group, "time", 1),
+        take(group, "turning", 1),
+        take(group, "derivatives", 2),
+    )

@@ -30,6 +30,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.measured_history import MeasuredHistory
+from pgmp_petsc.studies.sensitivities import contact_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -162,7 +163,8 @@ class _Fitting:
         scene, history = self._model.scene, self._history
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._of_limits(estimate, errors, blind),
-            *_tied(self._names, correlation), *self._of_noise(left, sigma), *scene.remarks,
+            *_tied(self._names, correlation), *self._of_noise(left, sigma), *contact_remarks(solution.run),
+            *scene.remarks,
         )  # fmt: skip
         parameters = [
             FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))

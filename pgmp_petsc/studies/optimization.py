@@ -32,6 +32,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.fitting import limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
+from pgmp_petsc.studies.sensitivities import contact_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -135,9 +136,10 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
         last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]
     converged = done.status in (0, DESCENT_ENDED) and not missed
+    begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     remarks = (
         *_of_end(done, question, last, missed, sizes), *_of_limits(question, figures, best),
-        *_of_robust(question, figures), *model.scene.remarks,
+        *_of_robust(question, figures), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [
@@ -153,7 +155,6 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
     values = scene.values | dict(zip(question.names, map(float, best)))
-    begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     return Design(
         RunRecord(scene_to_toml(scene), values, question.seed if question.deviations is not None else None, comm.size,
                   timings.as_dict(), remarks),

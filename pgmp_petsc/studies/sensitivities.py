@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives
+from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.runtime.files import RunRecord
@@ -89,7 +90,16 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> D
         {name: _change(scene, name) for name in names},
         _correlation(scene, names),
         run.steps_divided,
+        _instants(run.contacts),
     )  # fmt: skip
+
+
+def _instants(contacts: Sequence[Contact]) -> Instants | None:
+    """Return contacts as a file keeps them."""
+    if not contacts:
+        return None
+    met, time, turning = (np.array([getattr(c, name) for c in contacts]) for name in ("met", "time", "turning"))
+    return Instants(tuple(c.effect for c in contacts), met, time, turning, np.array([c.derivatives for c in contacts]))
 
 
 def _change(scene: Scene, name: str) -> tuple[float, str]:
@@ -126,7 +136,25 @@ def run_remarks(model: ReducedModel, run: DifferentiatedRun) -> tuple[Remark, ..
                 "motion; where a largest value changes its place they have a corner"
             )
         )
-    return tuple(remarks)
+    return (*remarks, *contact_remarks(run))
+
+
+def contact_remarks(run: DifferentiatedRun) -> list[Remark]:
+    """Return what is to be said of the end stops that a run meets and leaves."""
+    remarks = []
+    for name in dict.fromkeys(contact.effect for contact in run.contacts):
+        own = [contact for contact in run.contacts if contact.effect == name]
+        nearest = min(own, key=lambda contact: contact.turning)
+        times = "once" if len(own) == 1 else f"{len(own)} times"
+        remarks.append(
+            note(
+                f"effects.{name} is met or left {times}, first at {own[0].time:.5g} s: these instants move with the "
+                "parameters, and derivatives hold for changes that leave their number and order as they are; nearest "
+                f"to grazing is that at {nearest.time:.5g} s, where the path would turn back within "
+                f"{nearest.turning:.2g} s"
+            )
+        )
+    return remarks
 
 
 def _without_effect(run: DifferentiatedRun, names: Sequence[str]) -> list[Remark]:

@@ -121,6 +121,19 @@ def test_derivatives_with_parameters_are_those_of_the_engine_s_residual(model: R
         assert np.abs(expected).max() > 0.0
 
 
+def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
+    """Loads that set in over a table and a wave, and a force that follows its body, which is none."""
+    jet = 'type="force",point="rod:1",direction=[0.0,1.0],follows=true,harmonic={amplitude=4.0,frequency_hz=3.0}'
+    push = 'type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=2.0}'
+    model = reduced_model(slider_crank(*MODES, f"effects.jet={{{jet}}}", f"effects.push={{{push}}}"))
+    times, states = somewhere(model)
+    found = Linearisation(model, model.scene.values, ["r1"]).at(times, states, with_time=True)
+    expected = slopes(lambda h: engine_residual(model, times + h, states), 1e-4)
+    near(found.by_parameters[:, -1], expected, engine_residual(model, times, states), 1e-4)
+    alone = Linearisation(model, model.scene.values, ["r1"]).at(times, states)
+    np.testing.assert_array_equal(found.by_parameters[:, :1], alone.by_parameters)
+
+
 def test_a_correction_takes_the_rest_of_the_iteration_away() -> None:
     """Beside a state that balances, a linearisation at the end of a step is that at the balance.
 

@@ -45,6 +45,17 @@ def test_motions_by_tables_are_clamped_splines() -> None:
         np.testing.assert_allclose(found[order], expected, rtol=0, atol=1e-13 * size)
 
 
+def test_third_derivatives_are_those_of_the_second() -> None:
+    wave, table = {"amplitude": 0.7, "frequency_hz": 2.0, "phase": 0.4}, ROWS
+    for entry in ({"harmonic": wave}, {"table": table}, {"spin_up": {"speed": 8.0, "time": 1.0}}):
+        angle = Motion("drive", PrescribedMotion(type="prescribed_motion", coordinate="theta", **entry)).angle
+        for time, h in ((-0.1, 1e-4), (0.5, 1e-4), (0.97, 1e-4), (3.0, 1e-4)):
+            before, after = (float(angle.with_rates(time + s * h)[2]) for s in (-1, 1))
+            expected = (after - before) / (2.0 * h)
+            # truncation of the differences is (w h)^2 / 6, with w up to 13 / s
+            assert angle.third(time) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
 def test_functions_are_joined_one_behind_the_other() -> None:
     parts = [
         TimeFunction.constant(2.0),

@@ -1,0 +1,218 @@
+"""Sensitivities through the steps of a run that are taken in parts, where end stops are met and left.
+
+The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
+stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
+begins and ends at zero (`effects.laws`). The discrete map is differentiated, with the length h of a part as one more
+variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagation` and all
+other symbols from there,
+
+    d q_hat/dh = q'_n + 2 h ((1/2 - beta) A_n + beta A_{n+1}),     d q'_hat/dh = (1 - gamma) A_n + gamma A_{n+1},
+
+and r has a derivative with time itself where loads change, so that one more right-hand side gives ``S_h``. The end t*
+of a part that goes up to an edge, and the length of the last part, whose end is fixed, follow from
+
+    depth_q (S + S_h h_p) + depth_p = 0,     dt*/dp = dt*_before/dp + h_p,     h_p of the last part = - dt*_before/dp.
+
+It makes no difference on which side of the edge the residual is linearised: the term of the stop's stiffness is
+multiplied by the first of these equations. Where the path turns at the edge (grazing), the instant has no derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.dynamics.alpha_step import AlphaStep
+from pgmp_petsc.dynamics.event_location import EventLocation, Moment, Part
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.gradients.linearisation import Linearisation
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
+RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """An instant at which a stop is met or left.
+
+    Attributes
+    ----------
+    effect
+        Name of the stop.
+    met
+        Whether it is met there, or left.
+    time
+        s.
+    turning
+        Within which time the path would turn back, from its rate and acceleration there, s: the less, the nearer it is
+        to grazing.
+    derivatives
+        Of the time with the parameters, shape (n_parameters,), s per unit.
+    """
+
+    effect: str
+    met: bool
+    time: float
+    turning: float
+    derivatives: np.ndarray
+
+
+class Contacts:
+    """The steps of a run of one sample that cross edges of laws.
+
+    Parameters
+    ----------
+    model, values
+        The reduced model, and the value of every parameter.
+    linearisation
+        Of the sample.
+    times, states
+        Of the whole run, (n_t,) and arrays of shape (n_t, n_eta).
+
+    Attributes
+    ----------
+    found
+        What was met and left so far.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        values: Mapping[str, float],
+        linearisation: Linearisation,
+        times: np.ndarray,
+        states: State,
+    ) -> None:
+        self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
+        self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
+        self._free = np.array([k not in model.motions for k in range(states.q.shape[1])])
+        self._beyond = linearisation.depths(times, states) > 0.0
+        self._location: EventLocation | None = None
+        self._known = 0, states.a[0].copy()  # an instant, and the auxiliary accelerations there
+        self.found: list[Contact] = []
+        if (self._beyond[1:] != self._beyond[:-1]).any():
+            system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+            self._location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
+
+    def following(self, first: int) -> int:
+        """Return the number of the first instant, from one on, whose step crosses an edge; n_t where there is none."""
+        if self._location is None:
+            return len(self._times)
+        crossing = np.flatnonzero((self._beyond[first:] != self._location.beyond[:, 0]).any(axis=1))
+        return first + int(crossing[0]) if crossing.size else len(self._times)
+
+    def through(self, number: int, moment: np.ndarray) -> np.ndarray:
+        """Take the sensitivities through the step up to an instant; return them there.
+
+        Parameters
+        ----------
+        number
+            Of the instant, as `following` gives it.
+        moment
+            S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
+
+        Raises
+        ------
+        InputError
+            If an edge is grazed.
+        RunError
+            If the step does not lead where the run went.
+        """
+        moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
+        before, parts = self._retraced(number)
+        for part in parts:
+            along, with_length = self._through_part(part, before, moment, moved)
+            longer = -moved
+            if part.edge >= 0:
+                up_to_edge = self._up_to_edge(part, along[0], with_length[0])
+                self.found[-1].derivatives[:] = moved + up_to_edge
+                longer = longer if part is parts[-1] else up_to_edge
+            moved = moved + longer
+            moment = along + longer[:, None] * with_length[:, None]
+            before = part.state, part.auxiliary
+        return moment
+
+    def _retraced(self, number: int) -> tuple[Moment, list[Part]]:
+        """Return the beginning of the step up to an instant, and its parts."""
+        known, auxiliary = self._known
+        auxiliary = _advanced(self._radius, self._states.a[known:number], auxiliary)
+        before, end = (_at(self._states, number - 1), auxiliary[None]), float(self._times[number])
+        parts = self._location.parts(before, end, self._step, np.ones(1, dtype=bool))
+        off = np.inf
+        if parts is not None:
+            off = np.abs((parts[-1].state.q[0] - self._states.q[number]) * self._model.terms.scale).max()
+        if not off <= RETRACED:
+            raise RunError(
+                f"the step with a contact that ends at {end:.6g} s could not be retraced: it ends {off:.2g} of the "
+                "mechanism's size (or rad) from where the run went; try a smaller simulation.step"
+            )
+        self._known = number, parts[-1].auxiliary[0]
+        return before, parts
+
+    def _up_to_edge(self, part: Part, along: np.ndarray, with_length: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the length of a part with the parameters, and note the contact."""
+        edge = self._linearisation.edge(part.edge, part.end, part.state)
+        rate = float(edge.gradient @ with_length)
+        turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
+        if not turning > GRAZING * self._step:
+            raise InputError(
+                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
+                f"{turning:.2g} s, less than {GRAZING:g} of a step, so that the least change of a parameter decides "
+                "whether they meet, and the instant has no derivative; end the run before (simulation.duration), move "
+                "the stop, or change a parameter (--set)"
+            )
+        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along))))
+        return -(along @ edge.gradient + edge.by_parameters) / rate
+
+    def _through_part(
+        self, part: Part, before: Moment, moment: np.ndarray, moved: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sensitivities at the end of a part of fixed length, (4, n_parameters, n_eta), and those with its
+        length, (4, n_eta)."""
+        h, scheme = part.duration, Scheme.of(self._radius, part.duration)
+        weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
+        there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)
+        late = np.append(moved, 1.0)[:, None]  # how the end moves
+        of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros((4, 1, moment.shape[2]))], axis=1)
+        ahead = (now - scheme.alpha_m * auxiliary) * weight
+        q = of_q + h * of_v + h * h * ((0.5 - scheme.beta) * auxiliary + scheme.beta * ahead)
+        v, a = of_v + h * ((1.0 - scheme.gamma) * auxiliary + scheme.gamma * ahead), now.copy()
+        mean = (0.5 - scheme.beta) * behind[0] + scheme.beta * part.auxiliary[0]
+        q[-1] += start.v[0] + 2.0 * h * mean
+        v[-1] += (1.0 - scheme.gamma) * behind[0] + scheme.gamma * part.auxiliary[0]
+        for k, motion in self._model.motions.items():
+            rates = part.state.v[0, k], part.state.a[0, k], motion.angle.third(part.end)
+            q[:, k], v[:, k], a[:, k] = late[:, 0] * np.array(rates)[:, None]
+        by_parameters, by_time = there.by_parameters[0, :-1], there.by_parameters[0, -1]
+        right = -late * by_time - q @ there.by_q[0].T - v @ there.by_v[0].T - a @ there.by_a[0].T
+        right[:-1] -= by_parameters
+        matrix = there.by_q[0] + scheme.gain_v * there.by_v[0] + scheme.gain_a * there.by_a[0]
+        free = self._free
+        x = np.zeros_like(q)
+        x[:, free] = np.linalg.solve(matrix[np.ix_(free, free)], right[:, free].T).T
+        then = a + scheme.gain_a * x
+        end = ((1.0 - scheme.alpha_f) * then + scheme.alpha_f * now - scheme.alpha_m * auxiliary) * weight
+        found = np.array([q + x, v + scheme.gain_v * x, then, end])
+        return found[:, :-1], found[:, -1]
+
+
+def _at(states: State, number: int) -> State:
+    """Return one of the states of a run, arrays of shape (1, n_eta)."""
+    one = slice(number, number + 1)
+    return State(states.q[one].copy(), states.v[one].copy(), states.a[one].copy(), states.multipliers)
+
+
+def _advanced(radius: float, accelerations: np.ndarray, auxiliary: np.ndarray) -> np.ndarray:
+    """Return the auxiliary accelerations (n_eta,) after the steps between accelerations (n_steps + 1, n_eta).
+
+    The scheme's recursion ``A_{n+1} = - c A_n + w_n`` as the sum that it is; c is between -1/2 and 1.
+    """
+    scheme = Scheme.of(radius, 1.0)
+    weighted = (1.0 - scheme.alpha_f) * accelerations[1:] + scheme.alpha_f * accelerations[:-1]
+    n, c = len(weighted), scheme.alpha_m / (1.0 - scheme.alpha_m)
+    return (-c) ** n * auxiliary + (-c) ** np.arange(n - 1, -1, -1.0) @ weighted / (1.0 - scheme.alpha_m)
