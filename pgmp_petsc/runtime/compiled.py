@@ -41,6 +41,8 @@ def njit(
         # nothing here is called from C; the wrapper for that would be compiled with each function. Whether references
         # are counted is said in either case: a function takes it from its first caller otherwise
         dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
+        if not numba.config.DISABLE_JIT:
+            dispatcher._compilation_chain_init_hook = _no_extensions
         if cache and not numba.config.DISABLE_JIT:
             dispatcher._cache = (_EntryCache if entry else _LenientCache)(function)
         return dispatcher
@@ -51,6 +53,11 @@ def njit(
 def cache_problem() -> str | None:
     """Return what the first problem with the cache was in this process, with its cure, or None."""
     return _problems[0] if _problems else None
+
+
+def _no_extensions() -> None:
+    """Ask no other package for types of its own: there are none here, and numba would look through all that are
+    installed."""
 
 
 class _LenientCache(FunctionCache):
