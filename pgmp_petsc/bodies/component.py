@@ -10,13 +10,16 @@ span the free motion of the body, its interface's answers over the frequencies a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.large_deformation import LargeDeformation
-from pgmp_petsc.bodies.recovery import Recovery
+
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.floating import FloatingBody
+    from pgmp_petsc.bodies.large_deformation import LargeDeformation
+    from pgmp_petsc.bodies.recovery import Recovery
 
 MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
 

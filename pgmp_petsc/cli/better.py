@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.ensemble.correction import Better
-from pgmp_petsc.ensemble.joined import FEWEST
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -23,6 +20,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from pgmp_petsc.bodies.shape import BodyShape
+    from pgmp_petsc.ensemble.correction import Better
 
 MODELS = ("reduced", "components", "full")  # from worse to better
 PURPOSES = {"components": Purpose.COMPONENTS, "full": Purpose.FULL}
@@ -79,6 +77,10 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
     InputError
         If a text is none of the kind, or models or numbers are in no order that makes sense.
     """
+    if not texts:
+        return []
+    from pgmp_petsc.ensemble.joined import FEWEST as fewest  # most ensembles are of one model
+
     found = [_wanted(text) for text in texts]
     found.sort(key=lambda one: one.rank, reverse=True)
     for one, other in zip(found, found[1:]):
@@ -90,8 +92,8 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
                 f"--correct {one.text}: {one.name} is no better than the ensemble's own model, {own}; give a better "
                 f"one, or {own}/2 for steps half as long"
             )
-        if one.count is not None and one.count < FEWEST:
-            raise InputError(f"--correct {one.text}: at least {FEWEST} samples, or the interval would rest on nothing")
+        if one.count is not None and one.count < fewest:
+            raise InputError(f"--correct {one.text}: at least {fewest} samples, or the interval would rest on nothing")
     known = [(one.name, one.count) for one in found if one.count is not None]
     known += [(own, n_samples)] if n_samples is not None else []
     for (better, few), (worse, many) in zip(known, known[1:]):
@@ -125,6 +127,10 @@ def better_models(wanted: Sequence[Wanted], own: Model, source: Path, changes: t
     InputError
         If meshes are not at hand, or a model cannot have what the scene has.
     """
+    if not wanted:
+        return []
+    from pgmp_petsc.ensemble.correction import Better  # as above
+
     return [Better(one.name, _model(one, own, source, changes, comm), one.count) for one in wanted]
 
 
@@ -134,6 +140,8 @@ def _model(one: Wanted, own: Model, source: Path, changes: tuple, comm: MPI.Comm
         with agreed(comm, "preparing the reduced model"):
             return ReducedModel(scene, own.rom, own.kinematics)
     meshes = _meshes(one, own, source, changes, comm)
+    from pgmp_petsc.outputs.stress import check_stresses
+
     with agreed(comm, f"preparing {one.name}"):
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)

@@ -77,6 +77,8 @@ def pgmp(context: click.Context) -> None:
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
+    # the validation of scenes has no plug-ins; all installed packages would be looked through for some
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     gc.disable()  # until the command is loaded: what modules make stays, and would be looked through again and again
     try:
         comm = start_mpi()

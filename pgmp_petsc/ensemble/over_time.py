@@ -7,8 +7,6 @@ for a while has no extremes of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
@@ -90,47 +88,72 @@ class _OverTimeWatch:
         self._looks_always = bool(self._extremes or self._passages)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
         self.observer = self
+        # numbers and instants of steps, and the reduced coordinates at their ends, (n_t, n_samples, n_eta)
+        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._n_waiting = 0
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""
-        if self._looks_always or number in self._steps:
-            with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
-                found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
-            self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
+        if isinstance(self._model, OF_STATES):
+            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
+        elif self._looks_always or number in self._steps:
+            self._see(number, time, state)
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
-        looked_at = np.arange(numbers.size) if self._looks_always else np.flatnonzero(np.isin(numbers, self._steps))
-        for some, found in self._evaluated(looked_at, trail):
-            self._take(numbers[some], times[some], found)
-
-    def _evaluated(self, looked_at: np.ndarray, trail: np.ndarray) -> Iterator[tuple[np.ndarray, dict]]:
-        """Yield some numbers of states, and the outputs there, each of shape (n_t, n_samples)."""
-        n, model, system = self._begun.system.n_samples, self._model, self._begun.system
-        together = max(1, LARGEST // n) if isinstance(model, OF_STATES) else 1
+        looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
+        if not isinstance(self._model, OF_STATES):
+            for k in looked_at:
+                self._see(int(numbers[k]), float(times[k]), State(*trail[k], np.zeros(0)))
+            return
+        # what is observed of reduced samples is cheap for many at once, so a few states wait for others
+        together = max(1, LARGEST // self._begun.system.n_samples)
         for first in range(0, looked_at.size, together):
             some = looked_at[first : first + together]
-            with np.errstate(all="ignore"):
-                if isinstance(model, OF_STATES):  # what is observed of reduced samples is cheap for many at once
-                    values = {name: np.tile(value, some.size) for name, value in system.values.items()}
-                    observed = model.observed_of(trail[some, 0].reshape(some.size * n, -1), values)
-                else:
-                    observed = model.observed(system, State(*trail[some[0]], np.zeros(0)))
-                found = model.outputs.evaluate(observed)
-            yield some, {name: values.reshape(some.size, n) for name, values in found.items()}
+            self._n_waiting += some.size
+            self._waiting.append((numbers[some], times[some], trail[some, 0]))
+            if self._n_waiting >= together:
+                self._evaluate()
+
+    def _see(self, number: int, time: float, state: State) -> None:
+        """Evaluate the outputs in a state."""
+        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
+        self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
+
+    def _evaluate(self) -> None:
+        """Evaluate the outputs in the states that wait."""
+        if not self._waiting:
+            return
+        numbers, times, states = (np.concatenate(parts) for parts in zip(*self._waiting))
+        self._waiting, self._n_waiting = [], 0
+        n = states.shape[1]
+        values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
+        with np.errstate(all="ignore"):  # as above
+            found = self._model.outputs.evaluate(self._model.observed_of(states.reshape(numbers.size * n, -1), values))
+        self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
     def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
         for name, extremes in self._extremes.items():
             extremes.take(times, outputs[name])
         for passage in self._passages.values():
             passage.take(times, outputs[passage.event.output])
-        of_bands = np.flatnonzero(np.isin(numbers, self._steps))
-        places = np.searchsorted(self._steps, numbers[of_bands])
+        of_bands, places = self._of_bands(numbers)
         for name, band in self._bands.items():
             band[:, places] = outputs[name][of_bands].T
 
+    def _of_bands(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of these steps are steps of the bands, and which of those they are."""
+        if not self._steps.size:
+            return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+        # both are in order: numpy's isin would first sort them, many times in a run
+        places = np.minimum(np.searchsorted(self._steps, numbers), self._steps.size - 1)
+        there = np.flatnonzero(self._steps[places] == numbers)
+        return there, places[there]
+
     def found(self, status: np.ndarray) -> Found:
         """Return what was kept, NaN for samples that failed."""
+        self._evaluate()
         samples = self._begun.samples
         lost = (status != Status.FINE)[samples]
         kept: Found = {

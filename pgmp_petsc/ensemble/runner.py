@@ -20,18 +20,15 @@ from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble.allotment import allot
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.checked_samples import checked, share_of
-from pgmp_petsc.ensemble.correction import Better, plan_of, with_better
 from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
 from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
-from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
@@ -48,6 +45,8 @@ from pgmp_petsc.scene import scene_to_toml
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+    from pgmp_petsc.ensemble.correction import Better
 
 
 class Integration:
@@ -180,6 +179,8 @@ def run_ensemble(
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")
+    if better:
+        from pgmp_petsc.ensemble.correction import plan_of, with_better  # most ensembles are of one model
     others = [
         Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
         for one in better
@@ -189,6 +190,8 @@ def run_ensemble(
     model = own.model
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
+        from pgmp_petsc.ensemble.allotment import allot  # as above
+
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
     elif stop is not None:
         history = look_at(own, stop)
@@ -201,6 +204,8 @@ def run_ensemble(
         if comm.rank > 0:
             return None
         if plan.shard is not None:
+            from pgmp_petsc.ensemble.shards import shard_of
+
             return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
         found = describe_ensemble(
             Origin.of(model), replace(plan, n_samples=n), own.sampler, own.kept(n), comm.size, timings,

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.bodies.line_bodies import at_lengths
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.full_problem import FullEquations
-from pgmp_petsc.dynamics.full_statics import FullStatics
 from pgmp_petsc.dynamics.rank_solver import PREFIX
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import State
@@ -23,10 +20,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.body_fields import FullFields
-from pgmp_petsc.models.field_points import FieldSet
 from pgmp_petsc.models.model import require_lengths, search_of, start_of
-from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.installed import alone
@@ -36,6 +30,8 @@ from pgmp_petsc.scene import Scene
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from pgmp_petsc.dynamics.full_distributed import FullDistributed
+    from pgmp_petsc.models.body_fields import FullFields
 
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
@@ -62,10 +58,16 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
-        self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
+        self._stresses = None
+        if self.outputs.stresses:
+            from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
+
+            self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism))
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
+        from pgmp_petsc.bodies.line_bodies import at_lengths
+
         return type(self)(scene, at_lengths(scene, self.meshes))
 
     def with_loads(self, scene: Scene) -> Self:
@@ -115,6 +117,8 @@ class FullModel:
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
+        from pgmp_petsc.dynamics.full_distributed import FullDistributed  # small mechanisms are in lanes
+
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
         start = sized._start if settled is None else (settled.theta[0], np.zeros_like(sized._start[1]))
@@ -135,6 +139,8 @@ class FullModel:
 
     def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
+        from pgmp_petsc.dynamics.full_statics import FullStatics  # few scenes start in equilibrium
+
         theta = self._start[0]
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
@@ -204,6 +210,9 @@ class FullModel:
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""
+        from pgmp_petsc.models.body_fields import FullFields  # of single runs
+        from pgmp_petsc.models.field_points import FieldSet
+
         unknowns = Unknowns(self.kinematics.mechanism)
         seen = FieldSet.of(self.scene, unknowns.bodies, self.meshes, self.scene.simulation.frames)
         return FullFields(seen, unknowns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import require_lengths, search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
-from pgmp_petsc.models.body_fields import ReducedFields
-from pgmp_petsc.models.field_points import FieldSet
-from pgmp_petsc.models.stresses import ReducedStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -30,6 +27,10 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.served_range import Served, served_ranges
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
+
+if TYPE_CHECKING:
+    from pgmp_petsc.models.body_fields import ReducedFields
+    from pgmp_petsc.models.stresses import ReducedStresses
 
 
 class ReducedModel:
@@ -84,6 +85,8 @@ class ReducedModel:
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._stresses = None
         if self.outputs.stresses:
+            from pgmp_petsc.models.stresses import ReducedStresses  # few scenes have them
+
             self._stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
@@ -170,6 +173,9 @@ class ReducedModel:
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
         asks for by default."""
+        from pgmp_petsc.models.body_fields import ReducedFields  # of single runs
+        from pgmp_petsc.models.field_points import FieldSet
+
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, self.meshes, frames)
         return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)

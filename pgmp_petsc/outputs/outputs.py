@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
-from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from pgmp_petsc.outputs.stress import StressOutput
 
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
@@ -110,6 +113,8 @@ class OutputSet:
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
+    from pgmp_petsc.outputs.stress import StressOutput  # few scenes have them
+
     bodies = kinematics.mechanism.bodies
     number = next(k for k, body in enumerate(bodies) if body.name == scene.outputs[name].body)
     return StressOutput.of(name, scene, number, bodies[number])

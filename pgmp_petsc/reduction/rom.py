@@ -14,8 +14,6 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.reduction.length_family import LengthFamily
-from pgmp_petsc.reduction.length_files import put_family, take_family
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.branch_files import put_branch, take_branch
@@ -33,6 +31,8 @@ from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     import h5py
+
+    from pgmp_petsc.reduction.length_family import LengthFamily
 
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
 CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
@@ -125,6 +125,8 @@ class ReducedOrderModel:
             self.record.write(file)
             self.write_into(file)
             if self.family is not None:
+                from pgmp_petsc.reduction.length_files import put_family  # lengths are parameters in few scenes
+
                 put_family(file.create_group("lengths"), self.family)
             for part in parts:
                 part(file)
@@ -181,6 +183,8 @@ class ReducedOrderModel:
             found = cls.read_from(file, RunRecord.read(file), with_projection)
             if "lengths" not in file:
                 return found
+            from pgmp_petsc.reduction.length_files import take_family  # as above
+
             family = take_family(file["lengths"], lambda group: cls.read_from(group, found.record, with_projection))
             return replace(found, family=family)
 

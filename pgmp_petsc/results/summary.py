@@ -11,30 +11,27 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.results.corrected import Joined
-from pgmp_petsc.results.derivatives import Derivatives
-from pgmp_petsc.results.design import Design
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.fit import Fit
-from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.statistics import Statistics
-from pgmp_petsc.results.stopping import Stopping
-from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.files import RunRecord
+if TYPE_CHECKING:
+    from pgmp_petsc.results.corrected import Joined
+    from pgmp_petsc.results.ensemble import Ensemble
+    from pgmp_petsc.results.modes import ModesTable
+    from pgmp_petsc.results.statistics import Statistics
+    from pgmp_petsc.results.stopping import Stopping
+    from pgmp_petsc.results.tradeoff import Tradeoff
+    from pgmp_petsc.results.trajectory import Trajectory
+    from pgmp_petsc.runtime.files import RunRecord
 
-
-# kinds whose figures are all that the file holds, but for samples one by one
+# kinds whose figures are all that the file holds, but for samples one by one. By the names of their classes: who has
+# a result of one kind need not load the others
 WHOLE = {
-    Derivatives: ("sensitivities", ()),
-    Fit: ("fit", ()),
-    Design: ("design", ()),
-    RareEvent: ("rare_event", ("names", "normal", "value", "weight", "status", "parameters", "curve")),
+    "Derivatives": ("sensitivities", ()),
+    "Fit": ("fit", ()),
+    "Design": ("design", ()),
+    "RareEvent": ("rare_event", ("names", "normal", "value", "weight", "status", "parameters", "curve")),
 }
 
 
@@ -62,14 +59,15 @@ def plain(data: object) -> Any:
 
 def summary_of(result: object) -> dict[str, Any]:
     """Return the figures of a result, and where it comes from."""
-    if type(result) in WHOLE:
-        kind, left_out = WHOLE[type(result)]
+    name = type(result).__name__
+    if name in WHOLE:
+        kind, left_out = WHOLE[name]
         own = {item.name: getattr(result, item.name) for item in fields(result) if item.name not in left_out}
         return {**own, "kind": kind, **origin_of(own.pop("record"))}
-    for kind, summary in ((Trajectory, _run), (Ensemble, _ensemble), (Tradeoff, _study), (ModesTable, _modes)):
-        if isinstance(result, kind):
-            return {**summary(result), **origin_of(result.record)}
-    raise TypeError(f"no figures of {type(result).__name__}")
+    summaries = {"Trajectory": _run, "Ensemble": _ensemble, "Tradeoff": _study, "ModesTable": _modes}
+    if name not in summaries:
+        raise TypeError(f"no figures of {name}")
+    return {**summaries[name](result), **origin_of(result.record)}
 
 
 def origin_of(record: RunRecord) -> dict[str, Any]:

@@ -21,17 +21,19 @@ import io
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.results.derivatives import Derivatives
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.claims import TABLE, check_output, is_table
 from pgmp_petsc.runtime.files import replacing
+
+if TYPE_CHECKING:
+    from pgmp_petsc.results.derivatives import Derivatives
+    from pgmp_petsc.results.ensemble import Ensemble
+    from pgmp_petsc.results.modes import ModesTable
+    from pgmp_petsc.results.tradeoff import Tradeoff
+    from pgmp_petsc.results.trajectory import Trajectory
 
 #: Unit ("1" or "" for none) and values, shape (n_rows,), by name.
 Columns = dict[str, tuple[str, np.ndarray]]
@@ -45,9 +47,10 @@ def columns_of(result: Any) -> Columns:
     TypeError
         If it is something else.
     """
-    if type(result) not in _COLUMNS:
-        raise TypeError(f"{type(result).__name__} has no table")
-    return _COLUMNS[type(result)](result)
+    name = type(result).__name__
+    if name not in _COLUMNS:
+        raise TypeError(f"{name} has no table")
+    return _COLUMNS[name](result)
 
 
 def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = None) -> str:
@@ -128,12 +131,13 @@ def _of_derivatives(found: Derivatives) -> Columns:
     return columns
 
 
-_COLUMNS: dict[type, Callable[[Any], Columns]] = {
-    Trajectory: _of_run,
-    Ensemble: _of_ensemble,
-    ModesTable: _of_modes,
-    Tradeoff: _of_study,
-    Derivatives: _of_derivatives,
+# by the names of the classes, so that who has a result of one kind need not load the others
+_COLUMNS: dict[str, Callable[[Any], Columns]] = {
+    "Trajectory": _of_run,
+    "Ensemble": _of_ensemble,
+    "ModesTable": _of_modes,
+    "Tradeoff": _of_study,
+    "Derivatives": _of_derivatives,
 }
 
 

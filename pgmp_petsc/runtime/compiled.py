@@ -41,11 +41,10 @@ def njit(
         # nothing here is called from C; the wrapper for that would be compiled with each function. Whether references
         # are counted is said in either case: a function takes it from its first caller otherwise
         dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
+        if not numba.config.DISABLE_JIT:
+            dispatcher._compilation_chain_init_hook = _no_extensions
         if cache and not numba.config.DISABLE_JIT:
-            try:
-                dispatcher._cache = (_EntryCache if entry else _LenientCache)(function)
-            except (RuntimeError, OSError) as error:  # no locator has a folder
-                _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
+            dispatcher._cache = (_EntryCache if entry else _LenientCache)(function)
         return dispatcher
 
     return decorate
@@ -56,8 +55,30 @@ def cache_problem() -> str | None:
     return _problems[0] if _problems else None
 
 
+def _no_extensions() -> None:
+    """Ask no other package for types of its own: there are none here, and numba would look through all that are
+    installed."""
+
+
 class _LenientCache(FunctionCache):
-    """The cache of one function; what cannot be read counts as absent, what cannot be written stays away."""
+    """The cache of one function; what cannot be read counts as absent, what cannot be written stays away.
+
+    Its folder is looked for when it is first asked for something: most functions are parts of others, which bring them
+    along, and looking for a folder tries to write there.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        self._function, self._is_open = function, False
+
+    def _open(self) -> bool:
+        """Look for the folder, unless that was done; return whether there is one."""
+        if not self._is_open:
+            self._is_open, self._enabled = True, False
+            try:
+                super().__init__(self._function)
+            except (RuntimeError, OSError) as error:  # no locator has a folder
+                _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
+        return self._enabled
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled function of a signature, or None.
@@ -65,6 +86,8 @@ class _LenientCache(FunctionCache):
         Numba would first load all that it can compile, which takes longer than all else here together. What is compiled
         already needs of it the allocation of arrays alone; where something is to be compiled, numba loads the rest.
         """
+        if not self._open():
+            return None
         try:
             rtsys.initialize(target_context)
             found = self._load_overload(sig, target_context)
@@ -78,6 +101,8 @@ class _LenientCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the compiled function of a signature."""
+        if not self._open():
+            return
         try:
             super().save_overload(sig, data)
         except Exception as error:  # a damaged index is read here too

@@ -12,13 +12,13 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.served_range import check_served, served_ranges
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
 if TYPE_CHECKING:
@@ -64,7 +64,10 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodySh
     """Return a scene with its remarks, and its meshes; by one process. Raises as `read_scene`."""
     meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
     check_capabilities(scene, purpose, meshes)
-    check_stresses(scene, meshes)
+    if stressed_bodies(scene):
+        from pgmp_petsc.outputs.stress import check_stresses  # few scenes have stress outputs
+
+        check_stresses(scene, meshes)
     return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
 

@@ -6,10 +6,13 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
+
+from pgmp_petsc.runtime import compiled
 
 SCRIPT = """
 import sys
@@ -82,6 +85,22 @@ def test_without_a_folder_that_can_be_written(module: Path) -> None:
     found = printed(module, **nowhere)
     assert found.startswith("6 1.0 compiled code is not kept, and every run compiles")
     assert found.endswith("set NUMBA_CACHE_DIR to a folder with space that can be written")
+
+
+def test_a_folder_is_looked_for_when_it_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not for functions that others bring along, of which a run has a hundred."""
+    looked_for, problems = [], []
+
+    def nowhere(_: object, function: Callable) -> None:
+        looked_for.append(function)
+        raise RuntimeError("no locator")
+
+    monkeypatch.setattr(compiled.FunctionCache, "__init__", nowhere)
+    monkeypatch.setattr(compiled, "_problems", problems)
+    double = compiled.njit(cache=True, error_model="numpy")(lambda x: 2 * x)
+    assert not looked_for and not problems
+    assert double(3) == 6 and double(0.5) == 1.0
+    assert len(looked_for) == 1 and "no locator" in compiled.cache_problem()
 
 
 def test_on_a_full_disk(module: Path) -> None:

@@ -160,6 +160,10 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) ->
         for name in ("modes", "components", "solvers", "selection", "experiments", "reduction.build")
     ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
+    if command == "montecarlo":  # what single runs and few scenes have
+        others = ["models.stresses", "outputs.stress", "reduction.length_family", "dynamics.full_distributed"]
+        others += ["results.tradeoff", "results.trajectory", "ensemble.correction", "bodies.large_deformation"]
+        assert not loaded & {f"pgmp_petsc.{name}" for name in others}
 
 
 def test_no_communicator_and_no_petsc_start_at_import() -> None:

@@ -9,10 +9,12 @@ import pytest
 
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble import over_time
 from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.quantities import in_words
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher, band_steps
 from pgmp_petsc.ensemble.watchers import Begun
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
@@ -36,6 +38,13 @@ class Model:
 
     def observed(self, system: object, state: State) -> np.ndarray:
         return state.q.reshape(1, -1)
+
+
+class Reduced(Model, ReducedModel):
+    """The same of a model whose outputs follow from coordinates: its states wait for others."""
+
+    def observed_of(self, eta: np.ndarray, values: object) -> np.ndarray:
+        return eta.reshape(1, -1)
 
 
 def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at_once: int = 0) -> dict:
@@ -102,8 +111,8 @@ def test_bands_take_start_end_and_instants_between() -> None:
 @pytest.mark.parametrize("at_once", [1, 7, 50])
 @pytest.mark.parametrize("divisor", [1, 4])
 def test_steps_shown_together_and_smaller_ones_change_nothing(at_once: int, divisor: int) -> None:
-    model = Model(extremes=True, probabilities=EVENTS, bands=5)
-    alone, together = watched(model, divisor), watched(model, divisor, at_once=at_once)
+    asked = {"extremes": True, "probabilities": EVENTS, "bands": 5}
+    alone, together = watched(Model(**asked), divisor), watched(Model(**asked), divisor, at_once=at_once)
     for kind, arrays in alone.items():
         for name, values in arrays.items():
             np.testing.assert_array_equal(together[kind][name], values)
@@ -162,3 +171,18 @@ def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
 def test_events_are_said_in_words() -> None:
     assert in_words(Event(output="y", above=0.5), "m") == "y above 0.5 m at the end"
     assert in_words(Event(output="y", below=-2.0, when="ever"), "1") == "y below -2 at any time"
+
+
+@pytest.mark.parametrize("at_once", [0, 1, 7, 50])
+@pytest.mark.parametrize("most", [1, 12, 1 << 16])
+@pytest.mark.parametrize("always", [False, True])
+def test_states_that_wait_for_others_change_nothing(
+    monkeypatch: pytest.MonkeyPatch, at_once: int, most: int, always: bool
+) -> None:
+    """Whether none waits, some, or all until the end."""
+    monkeypatch.setattr(over_time, "LARGEST", most)
+    asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})
+    alone, together = watched(Model(**asked)), watched(Reduced(**asked), at_once=at_once)
+    for kind, arrays in alone.items():
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(together[kind][name], values)
