@@ -23,6 +23,7 @@ from pgmp_petsc.experiments.history import errors_between, floors_of, run_histor
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Force, Torque
@@ -54,7 +55,7 @@ def _larger(harmonic: Harmonic) -> Harmonic:
     return harmonic.model_copy(update=changed)
 
 
-def main() -> None:
+def main() -> int:
     """Read both models and compare them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rom", type=Path)
@@ -64,6 +65,11 @@ def main() -> None:
     parser.add_argument("--reference", choices=("full", "components"), default="full")
     given = parser.parse_args()
     start_petsc()
+    return guarded(lambda: print_errors(given))
+
+
+def print_errors(given: argparse.Namespace) -> None:
+    """Run both models under all loads and print how far they are apart."""
     scene, rom = read_rom(given.rom, [], [], MPI.COMM_SELF)
     _, meshes = read_scene(given.scene, [], [], MPI.COMM_SELF, Purpose.FULL)
     values, n_samples = {given.parameter: np.array(given.values)}, len(given.values)
@@ -80,4 +86,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    end(main())

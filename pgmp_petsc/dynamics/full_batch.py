@@ -118,7 +118,8 @@ class FullBatch:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         theta, rates = self._equations.initial
         if self.settled is not None:
-            state = self.consistent(self.settled.unknowns, np.zeros(self.n_dofs), self.settled.theta.T)
+            q = self.settled.unknowns
+            state = self.consistent(q, np.zeros_like(q), self.settled.theta.T)
             return self.settled.at_rest(state, len(self._sources.motions))
         return self.consistent(*self._equations.place(theta, rates), theta)
 

@@ -42,7 +42,7 @@ class Limits:
     Attributes
     ----------
     n_modes
-        Flexible modes that the meshes have.
+        Flexible modes that the mechanism has, bodies of cells condensed.
     n_static
         Load patterns that static modes can answer.
     n_terms
@@ -53,8 +53,9 @@ class Limits:
         Rigid coordinates, and the inertia forces of their motion.
     second_order
         Whether a reduced model of the scene may have terms of second order, or be without them.
-    condensed
-        Whether it is condensing that ends the modes, and not the meshes.
+    n_condensed
+        Modes that bodies of cells are condensed for; other vectors come on top of them. None where it is the meshes
+        that end the modes.
     slender
         Whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too.
     """
@@ -66,14 +67,19 @@ class Limits:
     n_coordinates: int = 1
     n_inertia: int = 1
     second_order: bool = True
-    condensed: bool = False
+    n_condensed: int | None = None
     slender: bool = True
+
+    def most_modes(self, beside: int) -> int:
+        """Return the most modes that a basis may have beside other vectors."""
+        most = self.n_modes - beside
+        return most if self.n_condensed is None else min(most, self.n_condensed)
 
     @property
     def last_mode(self) -> str:
         """What a basis with all modes is told."""
-        if self.condensed:
-            return f"bodies of cells are condensed for {self.n_modes} modes; give reduction.modes to have more"
+        if self.n_condensed is not None:
+            return f"bodies of cells are condensed for {self.n_condensed} modes; give reduction.modes to have more"
         return "these are all flexible modes that the meshes have; finer ones have more"
 
     @classmethod
@@ -91,9 +97,9 @@ class Limits:
         pose = kinematics.poses(start_of_coordinates(scene, kinematics)[None])[..., 0]
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
         n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
-        n_modes, condensed = n_free - (len(coordinates) - len(clamped)), False
-        if any(body.component is not None and body.flexible for body in mechanism.bodies):
-            n_modes, condensed = min(n_modes, n_condensed), n_modes > n_condensed
+        n_modes = n_free - (len(coordinates) - len(clamped))
+        of_cells = any(body.component is not None and body.flexible for body in mechanism.bodies)
+        served = n_condensed if of_cells and n_modes > n_condensed else None
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
@@ -102,7 +108,7 @@ class Limits:
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         larges = [body.component.large for body in mechanism.bodies if body.component is not None]
         slender = all(large is None or large.slender for large in larges)
-        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, condensed, slender)
+        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, served, slender)
 
 
 @dataclass(frozen=True)
@@ -187,7 +193,7 @@ def _family(entries: dict[str, Any], given: dict[str, Any], limits: Limits) -> l
     """Return the rungs with these entries and more and more modes."""
     beside = limits.n_static * entries["static_modes"] + limits.n_inertia * entries["inertia_modes"]
     beside += entries["parameter_modes"]
-    most = limits.n_modes - beside
+    most = limits.most_modes(beside)
     modes = tuple(n for n in MODES if n < most) + ((most,) if 1 <= most <= MODES[-1] else ())
     if "modes" in given:
         modes = (given["modes"],)

@@ -236,7 +236,7 @@ class ReductionChoice:
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         last = [text for text in (kept_text(kept) if kept else "", self._too_dear) if text]
         n_static = self._limits.n_static if complete.reduction.static_modes else 0
-        if complete.reduction.modes + n_static >= self._limits.n_modes:
+        if complete.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
         rival = self._rival_of(complete, grid)
         refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last, rival)

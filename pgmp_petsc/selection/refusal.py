@@ -9,8 +9,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Force, Gravity, Torque
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ledger import Ledger
+from pgmp_petsc.selection.training import sets_in_at_once
 from pgmp_petsc.selection.trial import Trial
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
@@ -119,6 +122,7 @@ def refuse_basis(
             causes.append("the modes are those of nominal parameters, and these values are too far from them")
         if unresolved > UNRESOLVED * errors.largest:
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+            causes += _cure_of_sudden_loads(bench.scene)
     if not causes and unresolved > tolerance:
         causes.append(
             f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
@@ -162,6 +166,27 @@ def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
             "smaller, dynamic stretching keeps smaller tolerances"
         )
     return causes
+
+
+def _cure_of_sudden_loads(scene: Scene) -> list[str]:
+    """Return what sets in at once at the start, and what spares the bodies that jolt."""
+    rests = scene.initial.equilibrium and scene.initial.coordinates == "free"
+    weights = [] if rests else [name for name, effect in scene.effects.items() if isinstance(effect, Gravity)]
+    acting = {name: effect for name, effect in scene.effects.items() if isinstance(effect, (Torque, Force))}
+    sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
+    cures = []
+    if weights:
+        cures.append(
+            f"{_effects(weights)} at once at the start, on bodies that are not at rest under it: "
+            'initial = { equilibrium = true, coordinates = "free" } starts where they are'
+        )
+    if sudden:
+        cures.append(f"{_effects(sudden)} at once at the start: let what acts over time begin at zero")
+    return cures
+
+
+def _effects(names: Sequence[str]) -> str:
+    return " and ".join(f"effects.{name}" for name in names) + (" acts" if len(names) == 1 else " act")
 
 
 def kept_text(kept: Mapping[str, Any]) -> str:

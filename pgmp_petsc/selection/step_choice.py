@@ -188,6 +188,10 @@ class StepChoice:
             while n_steps > self._coarsest and self._good_for_reduced(trial, n_steps // 2):
                 n_steps //= 2
         self._n_reduced = n_steps
+        if n_steps == trial.n_steps:
+            self._ledger.reasons["simulation.step"] += (
+                f"; the reduced model takes the {n_steps} that it was judged with"
+            )
 
     def _good_for_reduced(self, trial: Trial, n_steps: int) -> bool:
         """Return whether so many steps of the reduced model keep the tolerance, and note it."""

@@ -129,6 +129,14 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
     return tuple(loads)
 
 
+def sets_in_at_once(function: OverTime) -> bool:
+    """Return whether a torque or force is not zero at the start."""
+    if isinstance(function, Harmonic):
+        return function.mean + function.amplitude * np.sin(function.phase) != 0.0
+    time, value = np.array(function, dtype=float).T
+    return bool(np.interp(0.0, time, value) != 0.0)
+
+
 def _kinds(effects: Iterable[Torque | Force], plural: str = "") -> str:
     """Return what acts: ``torque``, ``force`` or ``torque and force``."""
     kinds = {type(effect) for effect in effects}
@@ -165,10 +173,10 @@ def _hastened(function: OverTime) -> OverTime:
 
 def _steepness(function: OverTime) -> float:
     """Return the largest slope over time, N m/s or N/s; infinite where it does not begin at zero."""
+    if sets_in_at_once(function):
+        return np.inf
     if isinstance(function, Harmonic):
-        began = function.mean + function.amplitude * np.sin(function.phase)
-        return np.inf if began != 0.0 else float(2.0 * np.pi * function.frequency_hz * abs(function.amplitude))
+        return float(2.0 * np.pi * function.frequency_hz * abs(function.amplitude))
     time, value = np.array(function, dtype=float).T
-    began = float(np.interp(0.0, time, value))
     slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)
-    return np.inf if began != 0.0 else float(slopes.max())
+    return float(slopes.max())

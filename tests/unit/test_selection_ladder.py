@@ -92,6 +92,18 @@ def test_a_mesh_without_room_beside_the_static_modes() -> None:
     assert families_of({}, Limits(1, 1, 1)) == [[]]
 
 
+def test_other_vectors_come_on_top_of_the_modes_that_bodies_of_cells_are_condensed_for() -> None:
+    cells = Limits(n_modes=100, n_static=2, n_terms=3, n_condensed=10)
+    plain, extended, *others = families_of({}, cells)
+    assert [family[-1].entries["modes"] for family in (plain, extended, *others)] == [10] * 6
+    assert (plain[-1].n_flexible, extended[-1].n_flexible) == (12, 13)
+    with_modes = families_of({"modes": 10}, cells)
+    assert [family[0].entries["stretching"] for family in with_modes] == ["dynamic"] * 2 + ["static"] * 2 + [
+        "dynamic"
+    ] * 2, "given modes leave room for every family"
+    assert "condensed for 10 modes" in cells.last_mode and "meshes" in PAPER.last_mode
+
+
 def test_the_middle_is_of_seven_coordinates_or_eight() -> None:
     plain, extended, *_ = families_of({}, UNCERTAIN)
     assert (middle_of(plain).n_flexible, middle_of(extended).n_flexible) == (8, 7)

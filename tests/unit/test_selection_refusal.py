@@ -209,6 +209,28 @@ def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest
         choice(bench).run()
 
 
+AT_REST = "initial={equilibrium=true, coordinates='free'}"
+GRAVITY, MOTOR = "effects.weight={type='gravity'}", "effects.motor.table=[[0.0, 0.5], [1.0, 0.5]]"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "weight", "motor"),
+    [((), False, False), ((GRAVITY,), True, False), ((GRAVITY, AT_REST), False, False), ((MOTOR,), False, True)],
+)
+def test_what_sets_in_at_once_is_named_where_vibrations_are_the_cause(
+    monkeypatch: pytest.MonkeyPatch, overrides: tuple[str, ...], weight: bool, motor: bool
+) -> None:
+    bench = Known(lambda reduction: 0.03)
+    bench.scene = slider_crank("reduction={tolerance=1e-2}", *overrides)
+    monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.7,)))
+    with pytest.raises(InputError, match="vibrations that the step does not resolve") as raised:
+        choice(bench).run()
+    assert ("effects.weight acts at once at the start" in str(raised.value)) == weight
+    assert (
+        "effects.motor acts at once at the start: let what acts over time begin at zero" in str(raised.value)
+    ) == motor
+
+
 def test_errors_that_are_round_off_are_said_to_be_so() -> None:
     with pytest.raises(InputError, match="round-off stands in the way"):
         choice(Known(lambda reduction: 0.03, round_off=0.1)).run()
@@ -301,12 +323,15 @@ class Reduced(Steps):
 def test_the_reduced_model_takes_the_longest_step_of_its_own(per_step: float, n_steps: int) -> None:
     """It is compared with runs that see the vibrations, whatever its own step; the trial's is the shortest."""
     bench = Reduced(per_step)
-    step = StepChoice(bench, Ledger(), 1.0 / 50.0)
+    ledger = Ledger()
+    step = StepChoice(bench, ledger, 1.0 / 50.0)
     step.begin()
     step.finish({})
     assert step.n_full == 64, "an error of nothing allows the coarsest run"
     assert step.n_basis == 4 * 256, "a basis is judged with steps that see the vibrations"
     step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, True, {}))
     assert step.n_steps == n_steps
+    judged = "the reduced model takes the 1024 that it was judged with"
+    assert (judged in ledger.reasons["simulation.step"]) == (n_steps == 1024), "and not what fewer steps leave"
     assert all(fine == fine_enough(coarse, 256) for coarse, fine in bench.compared)
     assert bench.compared[0][0] == 256, "those that see the vibrations come first"

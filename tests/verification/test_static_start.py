@@ -64,6 +64,15 @@ def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
     return [FullModel(scene, meshes_of(scene)), reduced_of(scene, text)]
 
 
+@pytest.mark.filterwarnings("error")
+def test_samples_side_by_side_settle_without_a_warning() -> None:
+    model = FullModel(scene_of(BAR, "held"), meshes_of(scene_of(BAR, "held")))
+    values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
+    with closing(model.batch(values, 2)) as system:
+        q = system.start().q
+    np.testing.assert_array_equal(*np.moveaxis(q, -1, 0)[:2])
+
+
 def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
     line_load = STEEL["rho"] * np.pi * 5e-3**2 * 9.81
     stiffness = STEEL["E"] * np.pi * 5e-3**4 / 4
