@@ -15,12 +15,11 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.watchers import Begun, Found
-from pgmp_petsc.models import LengthLanes, Model, ReducedModel
+from pgmp_petsc.models import REDUCED, Model
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
-OF_STATES = (ReducedModel, LengthLanes)  # whose outputs follow from coordinates and parameters
 LARGEST = 1 << 16  # states of reduced samples that are evaluated together
 
 
@@ -107,11 +106,11 @@ class _OverTimeWatch:
     def _evaluated(self, looked_at: np.ndarray, trail: np.ndarray) -> Iterator[tuple[np.ndarray, dict]]:
         """Yield some numbers of states, and the outputs there, each of shape (n_t, n_samples)."""
         n, model, system = self._begun.system.n_samples, self._model, self._begun.system
-        together = max(1, LARGEST // n) if isinstance(model, OF_STATES) else 1
+        together = max(1, LARGEST // n) if isinstance(model, REDUCED) else 1
         for first in range(0, looked_at.size, together):
             some = looked_at[first : first + together]
             with np.errstate(all="ignore"):
-                if isinstance(model, OF_STATES):  # what is observed of reduced samples is cheap for many at once
+                if isinstance(model, REDUCED):  # what is observed of reduced samples is cheap for many at once
                     values = {name: np.tile(value, some.size) for name, value in system.values.items()}
                     observed = model.observed_of(trail[some, 0].reshape(some.size * n, -1), values)
                 else:

@@ -17,7 +17,6 @@ from pgmp_petsc.gradients.propagation import propagate
 from pgmp_petsc.gradients.start import start_of_sensitivities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.scene.lengths import length_names
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
@@ -87,6 +86,8 @@ def differentiate(
 
     Parameters
     ----------
+    model
+        The model of samples in which these parameters vary (`models.of_samples`).
     values
         Value of every parameter of the scene.
     names
@@ -101,13 +102,6 @@ def differentiate(
     RunError
         If the run stops before its end, with smaller steps too.
     """
-    lengths = [name for name in length_names(model.scene) if name in names or values[name] != model.scene.values[name]]
-    if lengths:
-        raise InputError(
-            f"parameters.{lengths[0]}: a length or a place; derivatives go through tables, not through the rigid "
-            "motion that it changes, nor between mechanisms. Name other parameters with --parameter, and hold it with "
-            f"--set; differences of pgmp simulate ROM.h5 --set {lengths[0]}=... tell what it does"
-        )
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
