@@ -15,7 +15,7 @@ from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.observed import ObservedChanges
 from pgmp_petsc.gradients.propagation import propagate
 from pgmp_petsc.gradients.start import start_of_sensitivities
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
@@ -77,7 +77,7 @@ class _Trail:
 
 
 def differentiate(
-    model: ReducedModel,
+    model: ReducedModel | LengthLanes,
     values: Mapping[str, float],
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
@@ -133,7 +133,7 @@ def differentiate(
     return DifferentiatedRun(times, outputs, derivatives, states.q, changes, attempt.divisor)
 
 
-def _propagated(model: ReducedModel, linearisation: Linearisation, times: np.ndarray, states: State) -> np.ndarray:
+def _propagated(model: ReducedModel | LengthLanes, linearisation: Linearisation, times: np.ndarray, states: State) -> np.ndarray:
     """Return the derivatives of the reduced coordinates over the run, shape (n_t, n_parameters, n_eta)."""
     _refuse_edges(linearisation.crossed(times, states))
     n_t, n = states.q.shape

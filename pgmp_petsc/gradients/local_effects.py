@@ -22,7 +22,7 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, depth, law
 from pgmp_petsc.mechanism.statements import evaluate
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.runtime.vectors import LANES, load, same_in_all_lanes, store
@@ -41,7 +41,7 @@ class LocalDerivatives:
         As of `Linearisation`.
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 DIFFERENCE = 1e-4
@@ -38,7 +38,7 @@ class ObservedChanges:
         Reduced coordinates over the run, shape (n_t, n_eta).
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], eta: np.ndarray) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], eta: np.ndarray) -> None:
         self._model, self._values, self._eta = model, dict(values), eta
         self._members = [(member, member.reconstruction.along(eta)) for member in model.members]
 

@@ -154,6 +154,11 @@ class LengthLanes:
         """Most samples that a batch has."""
         return self._model.largest_batch
 
+    @property
+    def n_places(self) -> int:
+        """Number of bodies times that of the angles at which the mechanism of a sample would be placed."""
+        return int(np.prod(self._model.rom.branch.poses.shape[:2]))
+
     def at_lengths(self, scene: Scene) -> ReducedModel:
         """Return the model of a scene that differs in the lengths of its run alone, with exact kinematics."""
         return self._model.at_lengths(scene)
@@ -165,11 +170,6 @@ class LengthLanes:
     def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
         """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
         return self.grid.shares(values, by)
-
-    @property
-    def joint_angles(self) -> _JointAngles:
-        """Angles of the joints that are coordinates, with the lengths of the scene's run."""
-        return _JointAngles(self, self.scene.values)
 
     def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
