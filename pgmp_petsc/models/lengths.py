@@ -147,7 +147,11 @@ class LengthLanes:
     def _member(self, number: int) -> ReducedModel:
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])
         rom = replace(family.members[number], meshes=at_lengths(scene, self._model.rom.meshes))
-        return ReducedModel(scene, rom, family.kinematics(self.scene, self._model.rom, number))
+        try:
+            return ReducedModel(scene, rom, family.kinematics(self.scene, self._model.rom, number))
+        except InputError as error:
+            at = ", ".join(f"{name} = {value:.6g}" for name, value in self.grid.points[number].items())
+            raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
 
     @property
     def largest_batch(self) -> int:

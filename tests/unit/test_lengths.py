@@ -13,9 +13,8 @@ from mpi4py import MPI
 from runs import built_rom, full_model, rom_of, samples
 
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
-from pgmp_petsc.code.refusal import check_scene
+from pgmp_petsc.ensemble.checked_samples import price_of, share_of
 from pgmp_petsc.experiments.reference import component_model
-from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_build
@@ -25,6 +24,7 @@ from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.served_range import check_served, refuse_beyond, served_ranges
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene.lengths import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
 
@@ -140,15 +140,8 @@ def test_what_needs_one_mechanism_is_refused_by_name(override: str, purpose: Pur
     check_capabilities(long_crank(), Purpose.BUILD)
 
 
-def test_export_derivatives_and_component_ensembles_refuse_lengths(rom: ReducedOrderModel) -> None:
+def test_component_ensembles_refuse_lengths() -> None:
     scene = long_crank(*SMALL)
-    with pytest.raises(InputError, match="parameters.rod_length: a length or a place; a model in C has one mechanism"):
-        check_scene(scene, "x")
-    model = ReducedModel(scene, rom)
-    for values, names in ((scene.values, ["rod_length"]), (scene.values | {"rod_length": 0.68}, ["r1"])):
-        with pytest.raises(InputError, match="parameters.rod_length: a length or a place; derivatives go through"):
-            differentiate(model, values, names)
-    assert differentiate(model, scene.values, ["r1"]).derivatives["crank_angle"]["r1"].any()
     with pytest.raises(InputError, match="parameters.rod_length: .* component modes are of one mesh"):
         of_samples(component_model(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF), ["rod_length"])
 
@@ -253,19 +246,23 @@ def test_a_model_of_other_lengths_than_its_own_is_not_run(rom: ReducedOrderModel
     assert isinstance(of_samples(model, ["rod_length"]), SeparateLengths) and of_samples(model, ["r1"]) is model
 
 
-@pytest.mark.parametrize(
-    "override",
-    [
-        'effects.brake={type="joint_friction", joint="elbow", limit=0.01, speed=0.1}',
-        "initial.equilibrium=true",
-        'outputs.pull={type="stress", body="rod", quantity="axial_force"}',
-    ],
-)
-def test_what_needs_a_mechanism_of_its_own_has_one(rom: ReducedOrderModel, override: str) -> None:
-    model = of_samples(ReducedModel(long_crank(*SMALL, override), rom), ["rod_length"])
-    assert isinstance(model, SeparateLengths) and model.largest_batch == 1
+def test_reduced_samples_lie_in_lanes_and_a_quarter_of_their_time_buys_fewer_estimates(rom: ReducedOrderModel) -> None:
+    model = ReducedModel(long_crank(*SMALL, "simulation.duration=1.0"), rom)
+    lanes = of_samples(model, ["rod_length"])
+    assert isinstance(lanes, LengthLanes) and of_samples(model, ["r1"]) is model
+    # one in a vector of samples, and a mechanism that is placed anew
+    assert 0.0 < share_of(lanes) < share_of(model) and price_of(lanes) > LANES * price_of(model)
 
 
-def test_other_samples_lie_in_lanes(rom: ReducedOrderModel) -> None:
-    model = ReducedModel(long_crank(*SMALL), rom)
-    assert isinstance(of_samples(model, ["rod_length"]), LengthLanes) and of_samples(model, ["r1"]) is model
+def test_a_stress_where_a_shorter_body_has_none_is_refused_with_the_length(rom: ReducedOrderModel) -> None:
+    beyond = 'outputs.tip={type="stress", body="rod", quantity="bending_moment", at=[0.695, 0.0]}'
+    model = ReducedModel(long_crank(*SMALL, beyond), rom)
+    with pytest.raises(InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"):
+        of_samples(model, ["rod_length"])
+
+
+def test_shares_have_derivatives() -> None:
+    values, h = {"a": 0.74, "b": 0.3}, 1e-4
+    more, less = (TWO.shares(values | {"a": 0.74 + side * h}) for side in (1, -1))
+    np.testing.assert_allclose(TWO.shares(values, "a"), (more - less) / (2 * h), atol=1e-4)  # of cubics, h^2 / half^3
+    assert abs(TWO.shares(values, "b").sum()) < 1e-12 and not TWO.shares(values, "E").any()
