@@ -133,7 +133,9 @@ def differentiate(
     return DifferentiatedRun(times, outputs, derivatives, states.q, changes, attempt.divisor)
 
 
-def _propagated(model: ReducedModel | LengthLanes, linearisation: Linearisation, times: np.ndarray, states: State) -> np.ndarray:
+def _propagated(
+    model: ReducedModel | LengthLanes, linearisation: Linearisation, times: np.ndarray, states: State
+) -> np.ndarray:
     """Return the derivatives of the reduced coordinates over the run, shape (n_t, n_parameters, n_eta)."""
     _refuse_edges(linearisation.crossed(times, states))
     n_t, n = states.q.shape

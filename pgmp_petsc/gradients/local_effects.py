@@ -5,8 +5,8 @@ engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, 
 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
-H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length l,
-``by_parameters -= d(F g)/dl`` follows from differences of fourth order along l, in which places are polynomials.
+H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length
+l, ``by_parameters -= d(F g)/dl`` follows from differences of fourth order along l, in which places are polynomials.
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ class LocalDerivatives:
         # weights beside those of a length, by its number: how far these are (m), and the factors of differences
         self._beside = {
             number: [
-                (factor / step, same_in_all_lanes(evaluate_weights(weights, {**values, name: values[name] + far * step})))
+                (
+                    factor / step,
+                    same_in_all_lanes(evaluate_weights(weights, {**values, name: values[name] + far * step})),
+                )
                 for step in (ALONG_LENGTH * places[name].half,)
                 for far, factor in zip((-2.0, -1.0, 1.0, 2.0), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
             ]

@@ -26,9 +26,7 @@ from pgmp_petsc.models.reduced_statics import JointAngles
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
 
 
-def start_of_sensitivities(
-    model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State
-) -> np.ndarray:
+def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
     """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
 
     Parameters

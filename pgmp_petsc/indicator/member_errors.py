@@ -1,9 +1,9 @@
 """Estimated errors of samples with lengths of their own: each against the full-order equations of its own mechanism.
 
 Samples side by side follow tables that are polynomials of the lengths, rigid inertia included, and their outputs are
-polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the model
-of its own lengths, whose kinematics are exact: with these the motion is put into the full-order equations, and the
-outputs of the corrected motion are compared with what the sample said. So what the polynomials are off by is in the
+polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the
+model of its own lengths, whose kinematics are exact: with these the motion is put into the full-order equations, and
+the outputs of the corrected motion are compared with what the sample said. So what the polynomials are off by is in the
 estimate, with all the rest.
 """
 

@@ -122,7 +122,9 @@ class Validity:
         n_together = max(1, LARGEST // (states.shape[1] * self._model.kinematics.mechanism.n_dofs))
         for first in range(0, len(states), n_together):
             some = states[first : first + n_together]
-            together = {name: np.tile(np.broadcast_to(own, some.shape[1]), len(some)) for name, own in self._values.items()}
+            together = {
+                name: np.tile(np.broadcast_to(own, some.shape[1]), len(some)) for name, own in self._values.items()
+            }
             found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2]), together))
             for name, values in zip(("elastic_rotation", "elastic_strain"), found):
                 values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])

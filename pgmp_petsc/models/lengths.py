@@ -188,9 +188,7 @@ class LengthLanes:
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""
-        found = self._sum(
-            lambda member: np.moveaxis(member.local_displacements(eta, values), 0, -1), len(eta), values
-        )
+        found = self._sum(lambda member: np.moveaxis(member.local_displacements(eta, values), 0, -1), len(eta), values)
         return np.moveaxis(found, -1, 0)
 
     def _sum(

@@ -182,8 +182,10 @@ class ReducedModel:
         return self._of_all.frames(eta)
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6), for
-        reduced coordinates (n, n_eta), whatever the parameter values."""
+        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6).
+
+        For reduced coordinates (n, n_eta), whatever the parameter values.
+        """
         return self._of_all.local(eta)
 
     def output_frames_of(self, eta: np.ndarray) -> np.ndarray:

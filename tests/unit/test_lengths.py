@@ -257,7 +257,9 @@ def test_reduced_samples_lie_in_lanes_and_a_quarter_of_their_time_buys_fewer_est
 def test_a_stress_where_a_shorter_body_has_none_is_refused_with_the_length(rom: ReducedOrderModel) -> None:
     beyond = 'outputs.tip={type="stress", body="rod", quantity="bending_moment", at=[0.695, 0.0]}'
     model = ReducedModel(long_crank(*SMALL, beyond), rom)
-    with pytest.raises(InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"):
+    with pytest.raises(
+        InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"
+    ):
         of_samples(model, ["rod_length"])
 
 

@@ -36,7 +36,11 @@ ACTING = (
 STARTS = {
     "undeformed": (),
     "settled, held": ("initial.equilibrium=true",),
-    "settled, free": ("initial.equilibrium=true", 'initial.coordinates="free"', "simulation.initial.theta.position=-0.1"),
+    "settled, free": (
+        "initial.equilibrium=true",
+        'initial.coordinates="free"',
+        "simulation.initial.theta.position=-0.1",
+    ),
 }
 
 
