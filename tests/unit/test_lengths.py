@@ -125,9 +125,9 @@ def test_more_builds_than_are_made_are_refused() -> None:
 @pytest.mark.parametrize(
     ("override", "purpose", "line"),
     [
-        ("reduction.tolerance=0.01", Purpose.BUILD, "what a tolerance chooses is tried with one mechanism"),
-        ("reduction.sampling_tolerance=0.01", Purpose.BUILD, "what a tolerance chooses"),
-        ("simulation.tolerance=0.01", Purpose.FULL, "what a tolerance chooses"),
+        ("reduction.sampling_tolerance=0.01", Purpose.BUILD, "models of several lengths have the same angles"),
+        ("simulation.tolerance=0.01", Purpose.FULL, "simulation.tolerance finds the step of one mechanism"),
+        ("simulation.tolerance=0.01", Purpose.REDUCED, "pgmp build finds one for the extreme lengths too"),
         ('reduction.effects="auto"', Purpose.BUILD, "effects are chosen for one mechanism"),
         ("reduction.modes=3", Purpose.TRADEOFF, "settings are compared for one mechanism; give it a number"),
     ],
