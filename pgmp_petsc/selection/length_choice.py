@@ -1,4 +1,4 @@
-"""Tolerances of a scene whose lengths or places are parameters: chosen at the nominal ones, checked at the extreme ones.
+"""Tolerances of scenes whose lengths or places are parameters: chosen at the nominal ones, checked at the extreme ones.
 
 A tolerance is met by runs of one mechanism (`choice`). What it leaves open is chosen with the nominal lengths; then the
 same is asked with nothing left open at both ends of every length, the others nominal, and together. That all models
