@@ -8,14 +8,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from cantilevers import BEAM_IN_SPACE, IN_SPACE, cantilever
 from length_scenes import CRANK, GUIDE, HIGH, LOW, SMALL, long_crank
 from mpi4py import MPI
-from runs import built_rom, full_model, rom_of, samples
+from runs import built_rom, full_model, read_meshes, rom_of, samples
 
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.checked_samples import price_of, share_of
 from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.indicator.validity import BodyStrains
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_build
 from pgmp_petsc.reduction.length_family import LengthCheck
@@ -261,6 +264,38 @@ def test_a_stress_where_a_shorter_body_has_none_is_refused_with_the_length(rom: 
         InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"
     ):
         of_samples(model, ["rod_length"])
+
+
+BEAMS = {
+    "in the plane": (long_crank(), "rod", "rod_length"),
+    "in space": (
+        cantilever(
+            BEAM_IN_SPACE.replace("length = 1.0", 'length = "l"'),
+            "[parameters.l]\nnominal = 1.0\nbounds = [0.9, 1.1]\n",
+            IN_SPACE,
+        ),
+        "beam",
+        "l",
+    ),
+}
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("kind", list(BEAMS))
+def test_strains_of_samples_are_those_of_elements_of_their_own_lengths(kind: str, curved: bool) -> None:
+    scene, body, name = BEAMS[kind]
+    lengths = scene.values[name] * np.array([0.96, 1.0, 1.04])
+    mechanism = Mechanism.from_scene(scene, read_meshes(scene))
+    shape = (2 * lengths.size, mechanism.n_nodes, mechanism.space.n_dofs)  # two states of each
+    local = 1e-3 * np.random.default_rng(3).normal(size=shape)
+    values = samples(scene, lengths.size, **{name: lengths})
+    rotation, strain = BodyStrains(scene, mechanism, values, curved).largest(local)
+    for k, length in enumerate(lengths):
+        own = scene.with_values({name: float(length)})
+        strains = BodyStrains(own, Mechanism.from_scene(own, read_meshes(own)), own.values, curved)
+        for found, exact in zip((rotation, strain), strains.largest(local[k :: lengths.size])):
+            np.testing.assert_allclose(found[k :: lengths.size], exact, rtol=1e-12)
+    assert mechanism.bodies[-1].name == body and np.all(strain > 0.0)
 
 
 def test_shares_have_derivatives() -> None:
