@@ -15,7 +15,7 @@ from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.selection import length_choice
 from pgmp_petsc.selection.choice import Choice
 
-KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=16, length_points=2"
+KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=8, length_points=2"
 OPEN = (
     f'reduction={{tolerance=0.1, {KNOBS}, interpolation="spline"}}',
     'outputs={angle={type="angle", joint="crank_hinge"}}',
