@@ -106,7 +106,7 @@ def _export_model(
     overrides: tuple[str, ...],
 ) -> None:
     """Write a reduced model as C99 or as an FMU, and say what it does not have."""
-    from pgmp_petsc.code.constants import CORRECTIONS, constants_of
+    from pgmp_petsc.code.constants import CORRECTIONS, constants_of, tunable
     from pgmp_petsc.code.fmu import VERSIONS, write_fmu
     from pgmp_petsc.code.refusal import check_scene
     from pgmp_petsc.code.source import write_sources
@@ -137,7 +137,10 @@ def _export_model(
 
     say(context, on_root(context.obj.comm, write))
     steps = f"steps of {scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"
-    say(context, f"  {steps}; tunable: {', '.join(scene.values) or 'no parameters'}")
+    say(context, f"  {steps}; tunable: {', '.join(tunable(scene)) or 'no parameters'}")
+    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in tunable(scene))
+    if fixed:
+        say(context, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
     left_out = "elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
     say(context, f"  note: {left_out}")
     say_remarks(context, scene)

@@ -37,6 +37,8 @@ from pgmp_petsc.reduction.served_range import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.errors import limits_of
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
 
 # Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
 # set in with a jump (tests/verification/test_exported.py, in space).
@@ -178,7 +180,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         weights=terms.weights,
         load_weights=terms.tables.load_weights,
         laws=[action.parameters for action in actions],
-        parameters=dict(scene.values),
+        parameters=tunable(scene),
         served=model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
@@ -192,9 +194,18 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
         output_units=model.outputs.units,
-        parameter_units={name: "SI" if entry.unit is None else entry.unit for name, entry in scene.parameters.items()},
+        parameter_units={
+            name: "SI" if (unit := scene.parameters[name].unit) is None else unit for name in tunable(scene)
+        },
         node_bodies=[int(bodies[node]) for node in nodes],
     )
+
+
+def tunable(scene: Scene) -> dict[str, float]:
+    """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
+    as its mechanism is made with them."""
+    fixed = length_names(scene)
+    return {name: value for name, value in scene.values.items() if name not in fixed}
 
 
 def _nodes(sides: Sequence) -> list[int]:
@@ -285,7 +296,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "N_CELLS": math.prod(axis.n_cells for axis in terms.grid),
         "N_TERMS": len(terms.weights),
         "N_LOAD_TERMS": len(terms.tables.load_weights),
-        "N_PARAMETERS": len(model.scene.values),
+        "N_PARAMETERS": len(tunable(model.scene)),
         "N_OUTPUTS": len(model.scene.outputs),
         "N_SHAPES": tables["shapes_table"].shape[2],
         "N_BODIES": tables["branch_table"].shape[2],

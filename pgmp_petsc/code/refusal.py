@@ -8,7 +8,6 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names
 
 OUTPUTS = ("angle", "rotation", "position", "displacement", "deformation", "distance", "sliding")
 
@@ -38,8 +37,6 @@ def check_model(model: ReducedModel, what: str) -> None:
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
     if len(scene.coordinates) > MOST_COORDINATES:
         yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
-    for name in length_names(scene):
-        yield f"parameters.{name}", "a length or a place; a model in C has one mechanism: build with its number"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
     if scene.initial.equilibrium:

@@ -6,7 +6,8 @@ The natural frame ``(p, d_1 .. d_d)`` of a node is that of the reconstruction (`
     (u, phi) = Psi(theta) delta + 1/2 chi(theta) delta delta,
 
 with z and the body's directors D from the rigid kinematics on a fine grid, and Psi, chi in the body's frame. The
-Jacobian with eta is the exact derivative of what is interpolated.
+Jacobian with eta is the exact derivative of what is interpolated. z, D, Psi and chi are sums of terms with weights that
+a sample's parameters give, as all tables are: one term of weight 1 where the mechanism has no parameters.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.cells import Grid, enter, locate_all
+from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.rotations import factors_of, rotation_of, spin_of
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, items, sine_cosine
@@ -44,9 +45,11 @@ class Places(NamedTuple):
         Cells of `rigid` along every coordinate.
     rigid
         Polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
-        winding, 0 where they have none, shape (n_cells, (n_nodes * n_frame + n_actions) * 4**n_theta).
+        winding, 0 where they have none, shape (n_cells, n_terms, (n_nodes * n_frame + n_actions) * 4**n_theta).
     shapes
-        Polynomials of Psi and chi, shape (n_cells, n_nodes * n_dofs * n_shapes * 4**n_theta).
+        Polynomials of Psi and chi, shape (n_cells, n_terms, n_nodes * n_dofs * n_shapes * 4**n_theta).
+    together
+        As many zeros as there are terms: all of them add to one polynomial.
     winding
         What the angles of the actions turn with each coordinate on the whole, shape (n_actions, n_theta).
     sides
@@ -58,6 +61,7 @@ class Places(NamedTuple):
     fine: tuple[Grid, ...]
     rigid: np.ndarray
     shapes: np.ndarray
+    together: np.ndarray
     winding: np.ndarray
     sides: np.ndarray
     n_nodes: int
@@ -70,11 +74,14 @@ class KeptPlaces(NamedTuple):
     ----------
     cells
         Numbers of the cells of `shapes` and `rigid`, -1 before the first, vectors (2, LANES).
+    weights
+        Of the terms of the places, vectors (n_terms, LANES).
     rigid, shapes
         See `Places`; vectors (n_coefficients, LANES).
     """
 
     cells: np.ndarray
+    weights: np.ndarray
     rigid: np.ndarray
     shapes: np.ndarray
 
@@ -114,7 +121,7 @@ def place_nodes(places, nodes, grid, d, q, kept, work):
     `grid` are the cells of the shapes.
     """
     n_theta, n_dofs = len(grid), d * (d + 1) // 2
-    _come_to_cells(places.rigid, places.fine, q, 1, kept.cells, kept.rigid, work.place)
+    _come_to_cells(places.rigid, places.together, places.fine, q, 1, kept, kept.rigid, work.place)
     place = load_rows(work.place, 0, 1, grid)
     n_rigid = work.rigid.shape[0]
     for entry in range(n_rigid):
@@ -122,7 +129,7 @@ def place_nodes(places, nodes, grid, d, q, kept, work):
         store(work.rigid, entry, value)
         for k in range(n_theta):
             store(work.rigid_slopes, k * n_rigid + entry, slopes[k])
-    _come_to_cells(places.shapes, grid, q, 0, kept.cells, kept.shapes, work.place)
+    _come_to_cells(places.shapes, places.together, grid, q, 0, kept, kept.shapes, work.place)
     place = load_rows(work.place, 0, 1, grid)
     n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
     for number in range(nodes.size):
@@ -136,16 +143,16 @@ def place_nodes(places, nodes, grid, d, q, kept, work):
 
 
 @njit(inline="always")
-def _come_to_cells(table, grid, q, row, cells, kept, place):
+def _come_to_cells(table, together, grid, q, row, kept, into, place):
     """Bring kept polynomials to the cells that vectors q are in, and fill the places in them."""
     numbers = locate_all(q, grid, place)
-    moved = differing(numbers, load(cells, row))
-    store(cells, row, numbers)
+    moved = differing(numbers, load(kept.cells, row))
+    store(kept.cells, row, numbers)
     while moved != 0:
-        number = cells[row, first_lane(moved)]
+        number = kept.cells[row, first_lane(moved)]
         entering = moved & equal(numbers, spread(number))
         moved &= ~entering
-        enter(table, int(number), entering, kept)
+        refill(table, int(number), kept.weights, together, 0, table.shape[2], entering, into)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

@@ -48,13 +48,6 @@ def locate_all(q, grid, place):
     return number
 
 
-@njit(inline="always")
-def enter(table, cell, lanes, kept):
-    """Put a cell's coefficients, a row of the table (n_cells, n), into some lanes of kept polynomials (n, LANES)."""
-    for c in range(table.shape[1]):
-        store(kept, c, blend(lanes, spread(table[cell, c]), load(kept, c)))
-
-
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def refill(table, cell, weights, slots, first, end, lanes, kept):
     """Put the weighted sums of a cell's terms into some lanes of kept polynomials.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.action_frames import Places
 from pgmp_petsc.dynamics.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
@@ -18,10 +19,12 @@ from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
+from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.runtime.vectors import N_POWERS
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,15 @@ class ReducedActions:
         2 in the plane, 3 in space.
     rigid
         What the rigid part of `places` was made from, `rigid_places`; None without actions.
+    weights
+        Of the terms of `places`.
     """
 
     actions: tuple[Action, ...]
     places: Places
     dimension: int = 2
     rigid: Interpolant | None = None
+    weights: tuple[Monomial, ...] = (Monomial(),)
 
     @classmethod
     def of(
@@ -80,6 +86,7 @@ class ReducedActions:
             fine=grid_of(rigid),
             rigid=_rows(rigid, 1),
             shapes=_rows(bent, parts),
+            together=np.zeros(1, dtype=np.int64),
             winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
             n_nodes=len(nodes),
@@ -87,10 +94,25 @@ class ReducedActions:
         return cls(tuple(actions), places, kinematics.mechanism.space.dimension, rigid)
 
     @classmethod
+    def joined(cls, grid: LengthGrid, members: Sequence[ReducedActions]) -> ReducedActions:
+        """Return the actions of any lengths from those at the points of a grid; see `reduction.length_family`."""
+        first = members[0]
+        if not first.actions:
+            return first
+        rigid, shapes = ([getattr(member.places, name) for member in members] for name in ("rigid", "shapes"))
+        places = first.places._replace(
+            rigid=grid.coefficients([_same_turns(one, rigid[0], first.places.winding) for one in rigid]),
+            shapes=grid.coefficients(shapes),
+            together=np.zeros(len(members), dtype=np.int64),
+        )
+        return cls(first.actions, places, first.dimension, None, grid.weights(first.weights))
+
+    @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
-        empty, nowhere = np.zeros((1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta
-        return cls((), Places(nowhere, empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64), 0))
+        empty, nowhere, whole = np.zeros((1, 1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
+        sides = np.zeros((0, 2), dtype=np.int64)
+        return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
 
     @property
     def edges(self) -> list[int]:
@@ -143,8 +165,18 @@ def functions_of_time(
 
 
 def _rows(part: Interpolant, parts: int) -> np.ndarray:
-    """Return the polynomials of every cell in a row, of places in rad, shape (n_cells, n_entries * 4**n_theta)."""
-    return in_radians(part.polynomials(parts)[:, :, None], grid_of(part, parts))[:, 0]
+    """Return the polynomials of every cell in a row, of places in rad, shape (n_cells, 1, n_entries * 4**n_theta)."""
+    return in_radians(part.polynomials(parts)[:, :, None], grid_of(part, parts))
+
+
+def _same_turns(rigid: np.ndarray, other: np.ndarray, winding: np.ndarray) -> np.ndarray:
+    """Return polynomials of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
+    found, (n_actions, n_theta) = rigid.copy(), winding.shape
+    n_powers = N_POWERS**n_theta
+    angles = slice(found.shape[2] - n_actions * n_powers, None, n_powers)  # the constant terms
+    away = found[0, 0, angles] - other[0, 0, angles]
+    found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))
+    return found
 
 
 def _counted(

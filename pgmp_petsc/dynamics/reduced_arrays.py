@@ -282,7 +282,7 @@ def matrix_of(memory, block):
 def places_of(memory, block):
     """Return the polynomials of local effects in the cells of a block."""
     whole = memory.places
-    return KeptPlaces(whole.cells[block], whole.rigid[block], whole.shapes[block])
+    return KeptPlaces(whole.cells[block], whole.weights[block], whole.rigid[block], whole.shapes[block])
 
 
 @njit(inline="always")

@@ -36,8 +36,8 @@ class ReducedLanes:
     ----------
     equations, memory
         What the kernels take, and what they keep of every block.
-    load_weights
-        Weights of the load terms, shape (n_load_terms, n_samples).
+    load_weights, place_weights
+        Weights of the load terms, shape (n_load_terms, n_samples), and of the terms of the places of actions.
     """
 
     def __init__(
@@ -50,9 +50,9 @@ class ReducedLanes:
         n_samples: int,
     ) -> None:
         self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
-        self._term_weights, self.load_weights = (
+        self._term_weights, self.load_weights, self.place_weights = (
             np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
-            for w in (terms.weights, terms.tables.load_weights)
+            for w in (terms.weights, terms.tables.load_weights, actions.weights)
         )
         self.equations = Equations(
             terms.layout,
@@ -89,7 +89,8 @@ class ReducedLanes:
             Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
             KeptPlaces(
                 local_cells,
-                *(aligned_zeros((n_acting, table.shape[1], LANES)) for table in (local.rigid, local.shapes)),
+                self.packed(self.place_weights)[:n_acting],
+                *(aligned_zeros((n_acting, table.shape[2], LANES)) for table in (local.rigid, local.shapes)),
             ),
             Acting.empty(n_acting, layout.n_eta),
             np.empty((self._blocks.n_samples, 4, n_actions)),
@@ -144,6 +145,7 @@ class ReducedLanes:
             memory.samples[:], memory.cells[moved] = of_lanes, -1.0
             np.moveaxis(memory.places.cells, 1, -1)[moved[: len(memory.places.cells)]] = -1.0
             weights.terms[:], weights.loads[:] = blocks.pack(self._term_weights), blocks.pack(self.load_weights)
+            memory.places.weights[:] = blocks.pack(self.place_weights)[: len(memory.places.weights)]
 
     def matrices(self) -> np.ndarray:
         """Return the iteration matrices without their skew part, shape (n_samples, n_eta, n_eta)."""

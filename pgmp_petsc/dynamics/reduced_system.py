@@ -245,10 +245,12 @@ class ReducedSystem:
     def action_forces(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the force (N or N m) of every action at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta).
 
-        Shape (n_t, n_samples, n_actions).
+        With the weight of every term of the actions' places, shape (n_t, n_samples, n_actions * n_terms).
         """
         everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
-        return self._forces(times, trail, 0.0, everyone, False)
+        forces = self._forces(times, trail, 0.0, everyone, False)
+        weighted = forces[..., None] * self._lanes.place_weights.T[:, None]
+        return weighted.reshape(*forces.shape[:2], forces.shape[2] * weighted.shape[3])
 
     def close(self) -> None:
         """Nothing is to be given back."""

@@ -225,8 +225,7 @@ def _estimate_remarks(
     scene = origin.scene
     if origin.model != "reduced":
         return origin.not_estimated
-    validity = estimates["validity"]  # nothing where samples have lengths of their own
-    remarks = [*origin.not_estimated, *(remarks_of(scene, validity) if validity else ())]
+    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):

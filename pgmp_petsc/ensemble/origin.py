@@ -12,12 +12,12 @@ from pgmp_petsc.ensemble.checked_samples import share_of
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
-    absence_of_estimates_of_lengths,
     left_out_of_estimates,
+    polynomials_of_lengths,
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.models import LengthLanes, Model, ReducedModel, SeparateLengths
+from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 
@@ -50,11 +50,10 @@ class Origin:
     def of(cls, model: Model) -> Origin:
         """Return that of a model."""
         scene, share = model.scene, share_of(model)
-        if isinstance(model, ReducedModel):
+        if isinstance(model, REDUCED):
             absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
             absent += left_out_of_estimates(model) if share > 0.0 else ()
-        elif isinstance(model, (LengthLanes, SeparateLengths)):
-            absent = absence_of_estimates_of_lengths(model)
+            absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
             absent = why_not_of_full_order(model)
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)

@@ -13,12 +13,11 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.watchers import Begun, Found
-from pgmp_petsc.models import LengthLanes, Model, ReducedModel
+from pgmp_petsc.models import REDUCED, Model
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
-OF_STATES = (ReducedModel, LengthLanes)  # whose outputs follow from coordinates and parameters
 LARGEST = 1 << 16  # states of reduced samples that are evaluated together
 
 
@@ -94,7 +93,7 @@ class _OverTimeWatch:
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""
-        if isinstance(self._model, OF_STATES):
+        if isinstance(self._model, REDUCED):
             self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
         elif self._looks_always or number in self._steps:
             self._see(number, time, state)
@@ -102,7 +101,7 @@ class _OverTimeWatch:
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
         looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
-        if not isinstance(self._model, OF_STATES):
+        if not isinstance(self._model, REDUCED):
             for k in looked_at:
                 self._see(int(numbers[k]), float(times[k]), State(*trail[k], np.zeros(0)))
             return

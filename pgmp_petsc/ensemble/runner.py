@@ -31,8 +31,8 @@ from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator
-from pgmp_petsc.models import Model, ReducedModel, of_samples
+from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -313,11 +313,10 @@ class Watching:
     """
 
     def __init__(self, model: Model) -> None:
-        reduced = isinstance(model, ReducedModel)
         self.share = share_of(model)
-        self._errors: list[Watcher] = [ErrorWatcher(ErrorIndicator(model))] if self.share > 0.0 else []
+        self._errors: list[Watcher] = [ErrorWatcher(indicator_of(model))] if self.share > 0.0 else []
         self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
-        if reduced:
+        if isinstance(model, REDUCED):
             self._others.append(ValidityWatcher(model))
         self._n_bands = model.scene.ensemble.band_samples
         self._over_time = {with_bands: OverTimeWatcher(model, with_bands) for with_bands in (True, False)}

@@ -13,8 +13,9 @@ from pgmp_petsc.dynamics.running_balance import RunningBalance
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
+from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 
@@ -86,7 +87,7 @@ class ErrorWatcher:
         Of the model.
     """
 
-    def __init__(self, indicator: ErrorIndicator) -> None:
+    def __init__(self, indicator: ErrorIndicator | MemberIndicator) -> None:
         self._indicator = indicator
 
     def empty(self, n: int) -> Found:
@@ -100,7 +101,7 @@ class ErrorWatcher:
 
 
 class _ErrorWatch:
-    def __init__(self, run: WatchedRun) -> None:
+    def __init__(self, run: WatchedRun | WatchedSamples) -> None:
         self._run = self.observer = run
 
     def found(self, status: np.ndarray) -> Found:
@@ -118,7 +119,7 @@ class ValidityWatcher:
         The reduced model.
     """
 
-    def __init__(self, model: ReducedModel) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes) -> None:
         self._model = model
 
     def empty(self, n: int) -> Found:

@@ -16,9 +16,8 @@ from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.observed import ObservedChanges
 from pgmp_petsc.gradients.propagation import propagate
 from pgmp_petsc.gradients.start import start_of_sensitivities
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.scene.lengths import length_names
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
@@ -82,7 +81,7 @@ class _Trail:
 
 
 def differentiate(
-    model: ReducedModel,
+    model: ReducedModel | LengthLanes,
     values: Mapping[str, float],
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
@@ -91,6 +90,8 @@ def differentiate(
 
     Parameters
     ----------
+    model
+        The model of samples in which these parameters vary (`models.of_samples`).
     values
         Value of every parameter of the scene.
     names
@@ -105,13 +106,6 @@ def differentiate(
     RunError
         If the run stops before its end, with smaller steps too.
     """
-    lengths = [name for name in length_names(model.scene) if name in names or values[name] != model.scene.values[name]]
-    if lengths:
-        raise InputError(
-            f"parameters.{lengths[0]}: a length or a place; derivatives go through tables, not through the rigid "
-            "motion that it changes, nor between mechanisms. Name other parameters with --parameter, and hold it with "
-            f"--set; differences of pgmp simulate ROM.h5 --set {lengths[0]}=... tell what it does"
-        )
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
@@ -145,7 +139,11 @@ def differentiate(
 
 
 def _propagated(
-    model: ReducedModel, linearisation: Linearisation, contacts: Contacts, times: np.ndarray, states: State
+    model: ReducedModel | LengthLanes,
+    linearisation: Linearisation,
+    contacts: Contacts,
+    times: np.ndarray,
+    states: State,
 ) -> np.ndarray:
     """Return the derivatives of the reduced coordinates over the run, shape (n_t, n_parameters, n_eta)."""
     n_t, n = states.q.shape

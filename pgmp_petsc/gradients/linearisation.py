@@ -20,7 +20,7 @@ from pgmp_petsc.gradients.elimination import factorise, hold, substitute
 from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
 from pgmp_petsc.gradients.lagrangian import fill_balance, fill_tangents, room, take_up
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.vectors import N_POWERS, N_POWERS_OF_RIGID
 
@@ -59,8 +59,8 @@ class Linearisation:
         Parameters to differentiate with.
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], names: Sequence[str]) -> None:
-        self._terms, self.names = model.terms, tuple(names)
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
+        self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
         terms, tables = model.terms, model.terms.tables
         self._weights = _weights(terms.weights, values, names)
         self._load_weights = _weights(tables.load_weights, values, names)

@@ -5,7 +5,8 @@ engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, 
 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
-H follows from differences of g, which is exact; they leave 1e-8 of it.
+H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length
+l, ``by_parameters -= d(F g)/dl`` follows from differences of fourth order along l, in which places are polynomials.
 """
 
 from __future__ import annotations
@@ -15,18 +16,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.dynamics.action_kernel import MEASURE, RATE, allocate_local, attach, project
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, depth, law
 from pgmp_petsc.mechanism.statements import evaluate
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
-from pgmp_petsc.runtime.vectors import LANES, load, store
+from pgmp_petsc.runtime.vectors import LANES, load, same_in_all_lanes, store
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
+ALONG_LENGTH = 1e-3  # of half the range of a length: truncation leaves 1e-12 of it, rounding 1e-13
 S, SPEED, FORCE, STIFFNESS, DAMPING, DEPTH = range(6)  # what is measured of an action
 
 
@@ -60,10 +63,26 @@ class LocalDerivatives:
         As of `Linearisation`.
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
+        weights = model.actions.weights
+        self._weights = same_in_all_lanes(evaluate_weights(weights, values))
+        places = {place.name: place for weight in weights for place, _ in weight.places}
+        # weights beside those of a length, by its number: how far these are (m), and the factors of differences
+        self._beside = {
+            number: [
+                (
+                    factor / step,
+                    same_in_all_lanes(evaluate_weights(weights, {**values, name: values[name] + far * step})),
+                )
+                for step in (ALONG_LENGTH * places[name].half,)
+                for far, factor in zip((-2.0, -1.0, 1.0, 2.0), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0)
+            ]
+            for number, name in enumerate(names)
+            if name in places
+        }
         quantities = [[quantity for quantity in action.parameters] for action in self._actions]
         self._edges = model.actions.edges
         # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, N_PARAMETERS)
@@ -83,7 +102,7 @@ class LocalDerivatives:
         """
         if not self._actions:
             return
-        gradient, measured = self._measured(times, states.q, states.v)
+        gradient, measured = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
         residual -= _summed(force, gradient)
         across = np.swapaxes(gradient, 1, 2)
@@ -93,10 +112,14 @@ class LocalDerivatives:
             ahead = states.q.copy()
             ahead[:, j] += step
             bent = (
-                self._measured(times, ahead, states.v)[0] - gradient
+                self._measured(times, ahead, states.v, self._weights)[0] - gradient
             ) / step  # column j of H, (n_t, n_actions, n_eta)
             turned = np.matmul(bent, states.v[:, :, None])[:, :, 0]
             by_q[:, :, j] += _summed(damping * turned, gradient) - _summed(force, bent)
+        for number, beside in self._beside.items():
+            for factor, weights in beside:
+                at, found = self._measured(times, states.q, states.v, weights)
+                by_parameters[:, number] -= factor * _summed(found[:, :, FORCE], at)
         strengths = amplitudes_over(self._actions, times)
         for number, (action, own) in enumerate(zip(self._actions, self._changes.transpose(1, 0, 2))):
             if own.any():
@@ -111,32 +134,43 @@ class LocalDerivatives:
         """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
         if not self._edges:
             return np.zeros((len(times), 0))
-        return self._measured(times, states.q, states.v)[1][:, self._edges, DEPTH]
+        return self._measured(times, states.q, states.v, self._weights)[1][:, self._edges, DEPTH]
 
     def edge(self, event: int, time: float, state: State) -> Edge:
         """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
         action, times = self._edges[event], np.array([time])
-        gradient, measured = self._measured(times, state.q, state.v)
+        gradient, measured = self._measured(times, state.q, state.v, self._weights)
         # along the motion, over a time that moves no coordinate further than the differences above
         turn = DIFFERENCE / max(np.abs(state.v * self._terms.scale).max(), 1.0)
-        turned = (self._measured(times, state.q + turn * state.v, state.v)[0] - gradient)[0, action] / turn
+        turned = (self._measured(times, state.q + turn * state.v, state.v, self._weights)[0] - gradient)[
+            0, action
+        ] / turn
         side = self._local.actions.parameters[action, 0, 3]
+        by_parameters = -side * self._changes[:, action, 2]
+        for number, beside in self._beside.items():
+            for factor, weights in beside:
+                by_parameters[number] += factor * self._measured(times, state.q, state.v, weights)[1][0, action, DEPTH]
         return Edge(
             self._actions[action].effect,
             side * gradient[0, action],
-            -side * self._changes[:, action, 2],
+            by_parameters,
             side * measured[0, action, SPEED],
             side * float(gradient[0, action] @ state.a[0] + turned @ state.v[0]),
         )
 
-    def _measured(self, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradients of the measures (n_t, n_actions, n_eta), and what is measured (n_t, n_actions, 6)."""
+    def _measured(
+        self, times: np.ndarray, q: np.ndarray, v: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradients of the measures (n_t, n_actions, n_eta), and what is measured (n_t, n_actions, 6).
+
+        Weights are those of the terms of the places, vectors (n_terms, LANES).
+        """
         n_t, n_actions = len(q), len(self._actions)
         gradients, measured = np.empty((n_t, n_actions, q.shape[1])), np.empty((n_t, n_actions, DEPTH + 1))
         strengths = np.ascontiguousarray(amplitudes_over(self._actions, times))
         _measure(
-            self._local, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v), gradients,
-            measured,
+            self._local, weights, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v),
+            gradients, measured,
         )  # fmt: skip
         return gradients, measured
 
@@ -166,15 +200,19 @@ def parameter_slopes(
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def _measure(local, grid, strengths, q, v, gradients, measured):
-    """Measure all actions in states (n_t, n_eta), LANES of them at once; strengths are (n_t, n_actions)."""
+def _measure(local, weights, grid, strengths, q, v, gradients, measured):
+    """Measure all actions in states (n_t, n_eta), LANES of them at once.
+
+    Weights are those of the terms of the places, vectors (n_terms, LANES); strengths are (n_t, n_actions).
+    """
     places, actions = local.places, local.actions
     n_t, n = q.shape
     d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
     work = allocate_local(local, r, n)
     kept = KeptPlaces(
-        empty_lanes(2, LANES), empty_lanes(places.rigid.shape[1], LANES), empty_lanes(places.shapes.shape[1], LANES)
-    )
+        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.shape[2], LANES),
+        empty_lanes(places.shapes.shape[2], LANES),
+    )  # fmt: skip
     kept.cells[:] = -1.0
     of_q, of_v = empty_lanes(n, LANES), empty_lanes(n, LANES)
     first_angle = work.frames.rigid.shape[0] - n_actions

@@ -7,18 +7,21 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables. Stresses have central differences along the whole line.
+Where outputs are polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is
+``sum_p L_p dy_p + dL_p/dl y_p``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 DIFFERENCE = 1e-4
+Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
 OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 
 
@@ -35,13 +38,26 @@ class ObservedChanges:
         Reduced coordinates over the run, shape (n_t, n_eta).
     """
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], eta: np.ndarray) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], eta: np.ndarray) -> None:
         self._model, self._values, self._eta = model, dict(values), eta
-        self._along = model.reconstruction.along(eta)
+        self._members = [(member, member.reconstruction.along(eta)) for member in model.members]
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, (n_t, n_eta)."""
-        model, eta = self._model, self._eta
+        shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
+        total: dict[str, np.ndarray] = {}
+        for share, slope, (member, along) in zip(shares, slopes, self._members):
+            found = self._of_member(member, along, name, changes)
+            if slope:
+                here = member.outputs.evaluate(member.observed_of(self._eta, self._values))
+                found = {output: share * found[output] + slope * here[output] for output in found}
+            elif share != 1.0:
+                found = {output: share * found[output] for output in found}
+            total = {output: total.get(output, 0.0) + found[output] for output in found}
+        return total
+
+    def _of_member(self, model: ReducedModel, along: Along, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+        eta = self._eta
         size = np.max(np.abs(changes) * model.terms.scale, axis=1)
         value = self._values[name]
         steps = DIFFERENCE / np.where(size > 0.0, size, 1.0)
@@ -49,7 +65,7 @@ class ObservedChanges:
         of_stresses = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
         total: dict[str, np.ndarray] = {}
         for share in (-1.0, 1.0):
-            frames, moved = self._along(changes, share * steps), share * of_stresses
+            frames, moved = along(changes, share * steps), share * of_stresses
             stresses = np.empty((0, len(eta)))
             if model.stresses is not None:
                 stresses = model.stresses.of(eta + moved[:, None] * changes, self._values | {name: value + moved})

@@ -25,21 +25,19 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     return ()
 
 
-def absence_of_estimates_of_lengths(model: LengthLanes | SeparateLengths) -> tuple[Remark, ...]:
-    """Return that nothing is estimated of samples with lengths of their own, and what is known of single ones."""
-    if model.name != "reduced":
-        return (note("errors of mesh and time step were not estimated: each sample has a mesh of its own lengths"),)
-    name = model.lengths[0]
-    return (
-        note(
-            "errors of the outputs and the validity of small deformations were not estimated: every sample has lengths "
-            f"of its own; pgmp simulate ROM.h5 --set {name}=... estimates them for one, and --correct full=K measures "
-            "the bias of the mean"
-        ),
+def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
+    """Return what is between a model of any lengths and those that were built, and whether estimates hold it."""
+    check = model.check
+    at = ", ".join(f"{name} = {value:.6g}" for name, value in check.values.items())
+    contained = "estimated errors of samples contain what they are off by; " if estimated else ""
+    return note(
+        f"{', '.join(model.lengths)}: tables and outputs are polynomials through those of {len(model.members)} "
+        f"mechanisms; {contained}at {at}, between these, frequencies are within {check.frequencies:.2g} and the rigid "
+        f"inertia within {check.inertia:.2g} of a model built there"
     )
 
 
-def left_out_of_estimates(model: ReducedModel) -> tuple[Remark, ...]:
+def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ...]:
     """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
     scene, found = model.scene, []
     for name, shape in model.meshes.items():
@@ -77,9 +75,11 @@ def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
     )
 
 
-def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
+def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, ...]:
     """Return that the errors of full-order and component runs are not estimated, and what measures them."""
     scene = model.scene
+    if isinstance(model, SeparateLengths):
+        return (note("errors of mesh and time step were not estimated: each sample has a mesh of its own lengths"),)
     if isinstance(model, ComponentModel):
         counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
         return (

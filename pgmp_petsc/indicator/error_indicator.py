@@ -31,7 +31,7 @@ from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns
-from pgmp_petsc.models import ComponentModel, ReducedModel
+from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -63,10 +63,18 @@ class Estimate:
 
 
 class ErrorIndicator:
-    """Estimates the errors of runs of one reduced model; to be made once for all of them."""
+    """Estimates the errors of runs of one reduced model; to be made once for all of them.
 
-    def __init__(self, model: ReducedModel) -> None:
-        self.model = model
+    Parameters
+    ----------
+    model
+        The reduced model.
+    told
+        The model whose outputs runs have, where these are not the model's own.
+    """
+
+    def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
+        self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
         terms, scheme = model.terms, model.scene.reduction.interpolation
         self.modes = FlexibleModes(terms.tables, scheme, terms.damping, self.checking.driven)
@@ -255,7 +263,7 @@ class WatchedRun:
         self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta)."""
-        model, shape = self._indicator.model, plain.shape[:2]
+        model, shape = self._indicator.told, plain.shape[:2]
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}

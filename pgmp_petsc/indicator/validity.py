@@ -25,6 +25,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.line_bodies import length_share
 from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
@@ -33,7 +34,7 @@ from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strai
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
@@ -53,7 +54,8 @@ class Validity:
     Parameters
     ----------
     model, system, values
-        The model, its batch, and the batch's parameter values, each of shape (n_samples,).
+        The model, reduced, of one mechanism or of lanes of lengths; its batch, and the batch's parameter values, each
+        of shape (n_samples,).
     simulation
         Of the run.
 
@@ -68,9 +70,13 @@ class Validity:
     every = EVERY
 
     def __init__(
-        self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray], simulation: Simulation
+        self,
+        model: ReducedModel | LengthLanes,
+        system: ReducedSystem,
+        values: Mapping[str, np.ndarray],
+        simulation: Simulation,
     ) -> None:
-        self._model, self._system = model, system
+        self._model, self._system, self._values = model, system, values
         n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
         n_looks = n_steps // EVERY + 1 + (n_steps % EVERY > 0)
@@ -116,7 +122,10 @@ class Validity:
         n_together = max(1, LARGEST // (states.shape[1] * self._model.kinematics.mechanism.n_dofs))
         for first in range(0, len(states), n_together):
             some = states[first : first + n_together]
-            found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2])))
+            together = {
+                name: np.tile(np.broadcast_to(own, some.shape[1]), len(some)) for name, own in self._values.items()
+            }
+            found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2]), together))
             for name, values in zip(("elastic_rotation", "elastic_strain"), found):
                 values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])
                 self.extremes[name] = np.fmax(self.extremes[name], np.fmax.reduce(values, axis=0))
@@ -147,6 +156,9 @@ class BodyStrains:
             for body in self._flexible
             if body.is_beam
         }
+        self._longer = {
+            body.name: np.reshape(length_share(scene, body.name, values), -1) for body in self._flexible if body.is_beam
+        }
 
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
@@ -168,13 +180,14 @@ class BodyStrains:
 
     def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
         """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
-        half_heights = self._half_heights[body.name]
+        half_heights, longer = self._half_heights[body.name], self._longer[body.name]
         if not self._spatial:
             angles, strain = np.asarray(body.directions, dtype=float), np.empty(len(moved))
             fill_planar_strains(
                 np.ascontiguousarray(moved),
                 body.mesh.cells,
                 body.mesh.lengths,
+                longer,
                 angles,
                 half_heights,
                 self._curved,
@@ -183,7 +196,9 @@ class BodyStrains:
             return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
         rows = rest_strains(body.mesh.lengths, body.axes)
-        strains = strains_of(np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1)), self._curved)
+        rest = np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1))
+        rest[[0, 1, 2, 6, 7, 8]] /= np.resize(longer, (len(moved), 1))  # what is over the length of an element
+        strains = strains_of(rest, self._curved)
         bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[4:], axis=0)
         return np.max(np.abs(strains[0]) + bending, axis=1)
 

@@ -285,7 +285,7 @@ def _keep_shares(influence, row, terms, loading, largest):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def fill_planar_strains(moved, cells, lengths, angles, half_heights, curved, strain):
+def fill_planar_strains(moved, cells, lengths, longer, angles, half_heights, curved, strain):
     """Fill the largest strain of an outermost fibre of a planar beam, (n,), NaN where one is.
 
     Parameters
@@ -294,15 +294,17 @@ def fill_planar_strains(moved, cells, lengths, angles, half_heights, curved, str
         Displacements and rotations of its nodes in the body's frame, shape (n, n_nodes, 3).
     cells, lengths, angles
         Nodes of every element, shape (n_elements, 2); lengths, m, and directions, rad, each of shape (n_elements,).
+    longer
+        How often these lengths one sample after the other has, or one for all.
     half_heights
         Of one sample after the other, or one for all, m.
     curved
         Whether strains are geometrically exact.
     """
     for k in range(moved.shape[0]):
-        half_height, strain[k] = half_heights[k % half_heights.size], 0.0
+        half_height, stretch, strain[k] = half_heights[k % half_heights.size], longer[k % longer.size], 0.0
         for e in range(lengths.size):
-            near, far, length, angle = moved[k, cells[e, 0]], moved[k, cells[e, 1]], lengths[e], angles[e]
+            near, far, length, angle = moved[k, cells[e, 0]], moved[k, cells[e, 1]], stretch * lengths[e], angles[e]
             along = length * np.cos(angle) + (far[0] - near[0]), length * np.sin(angle) + (far[1] - near[1])
             if curved:
                 angle += 0.5 * (near[2] + far[2])

@@ -108,11 +108,6 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
-def _tolerances(scene: Scene) -> bool:
-    reduction = scene.reduction
-    return any(t is not None for t in (reduction.tolerance, reduction.sampling_tolerance, scene.simulation.tolerance))
-
-
 def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: (f"effects.{name}" for name, effect in scene.effects.items() if effect.type in types)
 
@@ -130,11 +125,18 @@ FEATURES = (
         cure="give it a number (--override)",
     ),
     Feature(
-        "lengths and places with tolerances",
-        lambda scene: (entry for entry in _lengths(scene) if _tolerances(scene)),
+        "lengths and places with adaptive sampling",
+        lambda scene: (entry for entry in _lengths(scene) if scene.reduction.sampling_tolerance is not None),
         EVERYWHERE,
-        why_not="what a tolerance chooses is tried with one mechanism",
-        cure="give it a number (--override), or reduction and step without tolerances",
+        why_not="models of several lengths have the same angles, and reduction.sampling_tolerance adds some to one",
+        cure="give it a number (--override), or reduction.angles",
+    ),
+    Feature(
+        "lengths and places with a tolerance for the step",
+        lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
+        EVERYWHERE - {Purpose.CHECK, Purpose.BUILD},
+        why_not="simulation.tolerance finds the step of one mechanism",
+        cure="give it a number (--override), or simulation.step; pgmp build finds one for the extreme lengths too",
     ),
     Feature(
         "lengths and places with an automatic choice of effects",

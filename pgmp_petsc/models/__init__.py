@@ -7,7 +7,11 @@ from pgmp_petsc.models.lengths import LengthLanes, SeparateLengths, of_samples
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel
 
+#: Models over interpolated tables: terms, outputs and displacements follow from reduced coordinates and parameters.
+REDUCED = (ReducedModel, LengthLanes)
+
 __all__ = [
+    "REDUCED",
     "ComponentModel",
     "FullModel",
     "LengthLanes",

@@ -1,28 +1,29 @@
-"""Models whose samples have lengths and places of their own: a mechanism, a mesh and outputs for each.
+"""Models whose samples have lengths and places of their own: full-order ones a mechanism and a mesh each, reduced ones
+polynomials through the models at the points of a grid.
 
 What these models observe of a sample are its outputs: a deformation is against the rigid mechanism of its own lengths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
+from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.models.components import ComponentModel
 from pgmp_petsc.models.full import FullModel
 from pgmp_petsc.models.model import Model
-from pgmp_petsc.models.reduced import ReducedModel
-from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.models.reduced import ReducedModel, begun
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
 
 if TYPE_CHECKING:
@@ -67,29 +68,20 @@ def of_samples(model: Model, drawn: Iterable[str]) -> Model:
             f"parameters.{lengths[0]}: a length or a place that is drawn; component modes are of one mesh, so take the "
             "reduced model (pgmp build) or --full, or give the length with --set or a number"
         )
-    if isinstance(model, ReducedModel) and not LengthLanes.left_to(model):
-        return LengthLanes(model)
-    return SeparateLengths(model)
+    return LengthLanes(model) if isinstance(model, ReducedModel) else SeparateLengths(model)
 
 
-class _OfLengths:
-    """What a model of samples has of the model of the scene's own lengths."""
+class SeparateLengths:
+    """Full-order samples one by one, each with a model of its own lengths; see `Model`."""
 
-    def __init__(self, model: FullModel | ReducedModel) -> None:
+    largest_batch = 1
+
+    def __init__(self, model: FullModel) -> None:
         self._model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
         self.scene, self.kinematics = model.scene, model.kinematics
         self.outputs = EvaluatedOutputs(model.outputs.units)
         self.lengths = length_names(model.scene)
-
-
-class SeparateLengths(_OfLengths):
-    """Samples one by one, each with a model of its own lengths; see `Model`."""
-
-    largest_batch = 1
-
-    def __init__(self, model: FullModel | ReducedModel) -> None:
-        super().__init__(model)
         self._models: WeakKeyDictionary[SecondOrderSystem, Model] = WeakKeyDictionary()
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
@@ -111,67 +103,119 @@ class SeparateLengths(_OfLengths):
         own = self._models[system]
         return _stacked(own.outputs.evaluate(own.observed(system, state)), system.n_samples)
 
-    def _at(self, lengths: Mapping[str, float]) -> FullModel | ReducedModel:
+    def _at(self, lengths: Mapping[str, float]) -> FullModel:
         return self._model.at_lengths(self.scene.with_values(lengths))
 
 
-class LengthLanes(_OfLengths):
+class LengthLanes:
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
-    Outputs are interpolated as the tables are (`reduction.length_grid`): they are evaluated with the kinematics of each
-    point of the grid.
+    Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.length_grid`): they are
+    evaluated in the model of each point of the grid.
+
+    Attributes
+    ----------
+    effects, start, motions, actions, terms, stiffness_changes, meshes
+        As of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
+    members
+        The models at the points of the grid.
     """
 
+    name, title = ReducedModel.name, ReducedModel.title
+
     def __init__(self, model: ReducedModel) -> None:
-        super().__init__(model)
-        scene, family = model.scene, model.rom.family
-        self._family, scheme = family, scene.reduction.interpolation
-        merged = family.merged(model.rom)
-        self._points, dampings = [], []
-        for number, member in enumerate(family.members):
-            kinematics = family.kinematics(scene, model.rom, number)
-            outputs = OutputSet.of(scene, kinematics, model.start[0])
-            self._points.append((outputs, Reconstruction(kinematics, member, scheme, outputs.nodes)))
-            dampings.append(ReducedDamping.of(model.effects, kinematics, member))
+        self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
+        self.identity, self.meshes = model.identity, model.meshes
+        self.effects, self.start, self.motions = model.effects, model.start, model.motions
+        self.outputs = EvaluatedOutputs(model.outputs.units)
+        self.lengths = length_names(model.scene)
+        family, scheme = model.rom.family, model.scene.reduction.interpolation
+        self.grid, self.check = family.grid, family.check
+        self.members = tuple(self._member(number) for number in range(len(family.members)))
+        merged, dampings = family.merged(model.rom), [member.terms.damping for member in self.members]
         damping = dampings[0]
         if damping is not None:
-            tables = family.grid.coefficients([one.table for one in dampings])
-            damping = replace(damping, weights=family.grid.weights(damping.weights), table=tables)
-        self._terms = ReducedTerms.of(
-            merged.tables, merged.rigid_inertia, model.kinematics, merged.projection, scheme, damping, scene.gyroscopic
-        )
+            tables = self.grid.coefficients([one.table for one in dampings])
+            damping = replace(damping, weights=self.grid.weights(damping.weights), table=tables)
+        self.terms = ReducedTerms.of(
+            merged.tables, merged.rigid_inertia, model.kinematics, merged.projection, scheme, damping,
+            model.scene.gyroscopic,
+        )  # fmt: skip
+        self.stiffness_changes = merged.stiffness_changes
+        self.actions = ReducedActions.joined(self.grid, [member.actions for member in self.members])
 
-    @staticmethod
-    def left_to(model: ReducedModel) -> str:
-        """Return what of a scene is left to `SeparateLengths`; empty if nothing is."""
-        if model.actions.actions:
-            return f"effects.{model.actions.actions[0].effect}"
-        if model.stresses is not None:
-            return f"outputs.{model.outputs.stresses[0].name}"
-        return "initial.equilibrium" if model.scene.initial.equilibrium else ""
+    def _member(self, number: int) -> ReducedModel:
+        family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])
+        rom = replace(family.members[number], meshes=at_lengths(scene, self._model.rom.meshes))
+        try:
+            return ReducedModel(scene, rom, family.kinematics(self.scene, self._model.rom, number))
+        except InputError as error:
+            at = ", ".join(f"{name} = {value:.6g}" for name, value in self.grid.points[number].items())
+            raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
 
     @property
     def largest_batch(self) -> int:
         """Most samples that a batch has."""
         return self._model.largest_batch
 
+    @property
+    def n_places(self) -> int:
+        """Number of bodies times that of the angles at which the mechanism of a sample would be placed."""
+        return int(np.prod(self._model.rom.branch.poses.shape[:2]))
+
+    def at_lengths(self, scene: Scene) -> ReducedModel:
+        """Return the model of a scene that differs in the lengths of its run alone, with exact kinematics."""
+        return self._model.at_lengths(scene)
+
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        model = self._model
-        return ReducedSystem(self._terms, model.effects, values, model.start, n_samples, model.motions)
+        return begun(self, _JointAngles(self, values), values, n_samples)
+
+    def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
+        """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
+        return self.grid.shares(values, by)
 
     def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
         return self.observed_of(state.q, system.values)
 
-    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n)."""
-        shares = self._family.grid.shares({name: np.broadcast_to(values[name], len(eta)) for name in self.lengths})
-        found = np.zeros((len(self.outputs.units), len(eta)))
-        for share, (outputs, nodes) in zip(shares, self._points):
-            observed = outputs.observed(nodes.frames(eta), np.empty((0, len(eta))))
-            found += share * _stacked(outputs.evaluate(observed), len(eta))
-        return found
+        return self._sum(
+            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values)), len(eta)),
+            len(eta), values,
+        )  # fmt: skip
+
+    def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""
+        found = self._sum(lambda member: np.moveaxis(member.local_displacements(eta, values), 0, -1), len(eta), values)
+        return np.moveaxis(found, -1, 0)
+
+    def _sum(
+        self, of: Callable[[ReducedModel], np.ndarray], n: int, values: Mapping[str, np.ndarray | float]
+    ) -> np.ndarray:
+        """Return the polynomial through what members have at n states, arrays (..., n)."""
+        shares = self.shares({name: np.broadcast_to(values[name], n) for name in self.lengths})
+        return sum(share * of(member) for share, member in zip(shares, self.members))
+
+
+class _JointAngles:
+    """Angles of joints of samples with lengths of their own; see `JointAngles`."""
+
+    def __init__(self, lanes: LengthLanes, values: Mapping[str, np.ndarray | float]) -> None:
+        self._lanes, self._values = lanes, values
+
+    def of(self, eta: np.ndarray) -> np.ndarray:
+        """Return the angles, shape (n, n_theta)."""
+        return self._sum("of", eta)
+
+    def gradient(self, eta: np.ndarray) -> np.ndarray:
+        """Return their derivatives, shape (n, n_theta, n_eta)."""
+        return self._sum("gradient", eta)
+
+    def _sum(self, what: str, eta: np.ndarray) -> np.ndarray:
+        lanes = self._lanes
+        return lanes._sum(lambda one: getattr(one.joint_angles, what)(eta).T, len(eta), self._values).T
 
 
 def _stacked(outputs: Mapping[str, np.ndarray], n: int) -> np.ndarray:

@@ -150,13 +150,16 @@ class ReducedModel:
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank, all with the lengths of the scene's run."""
         require_lengths(self.scene, values)
-        system = ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)
-        if self.scene.initial.equilibrium:
-            free = self.scene.initial.coordinates == "free"
-            statics = ReducedStatics(system, None if free else self._angles)
-            theta = np.tile(self.start[0], (n_samples, 1))
-            system.settle(settle(statics, theta, search_of(self.scene, self.kinematics.mechanism)))
-        return system
+        return begun(self, self._angles, values, n_samples)
+
+    @property
+    def members(self) -> tuple[ReducedModel, ...]:
+        """The models whose outputs, each with its share, make the model's own: itself."""
+        return (self,)
+
+    def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
+        """Return the share of every member, shape (n_members,), or its derivative by a parameter."""
+        return np.zeros(1) if by else np.ones(1)
 
     def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples)."""
@@ -184,10 +187,30 @@ class ReducedModel:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
         return self._of_all.frames(eta)
 
-    def local_displacements(self, eta: np.ndarray) -> np.ndarray:
-        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6)."""
+    def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6).
+
+        For reduced coordinates (n, n_eta), whatever the parameter values.
+        """
         return self._of_all.local(eta)
 
     def output_frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of ``outputs.nodes`` for reduced coordinates of shape (n, n_eta)."""
         return self._of_outputs.frames(eta)
+
+
+def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
+    """Return samples of a model, settled where runs start in static equilibrium.
+
+    Parameters
+    ----------
+    model, angles
+        The model, or one whose terms, effects and actions are as of `ReducedModel`; and the angles of its coordinates.
+    """
+    system = ReducedSystem(model.terms, model.effects, values, model.start, n_samples, model.motions, model.actions)
+    if model.scene.initial.equilibrium:
+        free = model.scene.initial.coordinates == "free"
+        statics = ReducedStatics(system, None if free else angles)
+        theta = np.tile(model.start[0], (n_samples, 1))
+        system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
+    return system

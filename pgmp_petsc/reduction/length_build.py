@@ -26,7 +26,7 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.lengths import held, length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def build_over_lengths(
     grid = LengthGrid.of(scene)
 
     def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
-        own = _held(scene, values)
+        own = held(scene, values)
         try:
             return build(own, at_lengths(own, meshes))
         except (InputError, RunError) as error:
@@ -86,21 +86,11 @@ def build_over_lengths(
     with agreed(comm, "joining the models of all lengths"):
         if nominal is not None:
             with timings.phase("lengths"):
-                gauge = _Gauge.of(_held(scene, nominal_lengths), nominal)
-                turned = [gauge.turned(_held(scene, values), member) for values, member in zip(grid.points, members)]
+                gauge = _Gauge.of(held(scene, nominal_lengths), nominal)
+                turned = [gauge.turned(held(scene, values), member) for values, member in zip(grid.points, members)]
             everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
             found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
     return found
-
-
-def _held(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
-    fixed = {"distribution": None, "bounds": None}
-    changed = {
-        name: scene.parameters[name].model_copy(update={"nominal": value, "value": value, **fixed})
-        for name, value in values.items()
-    }
-    return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
 
 
 def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:

@@ -142,7 +142,21 @@ class LengthFamily:
                 arrays = {name: grid.coefficients([getattr(one, name) for one in own]) for name in names}
                 merged = replace(merged, **{field: replace(own[0], **arrays)})
         rigid = grid.coefficients([member.rigid_inertia for member in self.members])
-        return replace(nominal, tables=merged, rigid_inertia=rigid)
+        return replace(nominal, tables=merged, rigid_inertia=rigid, stiffness_changes=self._merged_changes(tables))
+
+    def _merged_changes(self, tables: ReducedTables) -> StiffnessChanges | None:
+        """Return the influences of terms that are affine in monomials of the lengths, of whose units these are."""
+        members, grid = [member.stiffness_changes for member in self.members], self.grid
+        if members[0] is None:
+            return None
+        influence = np.swapaxes(grid.coefficients([np.swapaxes(one.influence, 1, 2) for one in members]), 1, 2)
+        r, n_mass, n_each = tables.n_coordinates, len(tables.mass_weights), len(grid.points)
+        n_moving = r + r * (r + 1) // 2
+        rest, inertia = np.split(influence, [influence.shape[2] - n_mass * n_moving * n_each], axis=2)
+        # monomials belong to the weights of terms, motions to each of these
+        inertia = np.swapaxes(inertia.reshape(*inertia.shape[:2], n_mass, n_moving, n_each), 3, 4)
+        influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
+        return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
 
     def _blended_tables(self, scene: Scene) -> ReducedTables:
         parts = [member.tables for member in self.members]

@@ -65,11 +65,18 @@ class LengthGrid:
         """Return the lengths (m) at places from -1 to 1."""
         return {own.name: float(own.middle + own.half * x) for own, x in zip(self.places, places)}
 
-    def shares(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1."""
-        found = np.ones((1, *np.shape(values[self.names[0]])))
+    def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
+        """Return L_p at values (numbers, or of shape (n,)), shape (n_p,) or (n_p, n); their sum is 1.
+
+        With the name of a parameter their derivatives by it, whose sum is 0.
+        """
+        shape = np.shape(values[self.names[0]])
+        found = np.ones((1, *shape)) if not by or by in self.names else np.zeros((1, *shape))
         for place in self.places:
-            powers = np.array([place.at(values) ** k for k in range(self.n_points)])
+            at, exponents = place.at(values), range(self.n_points)
+            powers = np.array([at**k for k in exponents])
+            if place.name == by:
+                powers = np.array([k * at ** max(k - 1, 0) for k in exponents]) / place.half
             own = np.tensordot(self._inverse.T, powers, 1)
             found = (found[:, None] * own).reshape(-1, *found.shape[1:])
         return found

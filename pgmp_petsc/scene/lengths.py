@@ -8,7 +8,7 @@ distribution gives.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +36,31 @@ def length_range(scene: Scene, name: str) -> tuple[float, float]:
         least, most = parameter.distribution.support
         low, high = max(low, least), min(high, most)
     return float(low), float(high)
+
+
+def held(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
+    fixed = {"distribution": None, "bounds": None}
+    changed = {
+        name: scene.parameters[name].model_copy(update={"nominal": value, "value": value, **fixed})
+        for name, value in values.items()
+    }
+    return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
+
+
+def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene in which lengths and places are numbers, by the name of the parameter that each was."""
+    bodies = dict(scene.bodies)
+    for name, body in bodies.items():
+        if body.line is not None and body.line.length in values:
+            line = body.line.model_copy(update={"length": values[body.line.length]})
+            bodies[name] = body.model_copy(update={"line": line})
+    points = {
+        name: tuple(values.get(x, x) if isinstance(x, str) else x for x in place)
+        for name, place in scene.ground.points.items()
+    }
+    ground = scene.ground.model_copy(update={"points": points})
+    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground})
 
 
 def length_problems(scene: Scene) -> Iterator[str]:

@@ -24,7 +24,8 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.selection.choice import choose, leaves_open
+from pgmp_petsc.selection.choice import leaves_open
+from pgmp_petsc.selection.length_choice import choose_over_lengths
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
 
@@ -126,7 +127,7 @@ def build(
         checkpoint = BuildCheckpoint(output, scene, meshes, group, resume)
     try:
         if is_open:
-            choice = choose(scene, meshes, group, say, checkpoint)
+            choice = choose_over_lengths(scene, meshes, group, say, checkpoint)
             rom = choice.rom
         else:
             rom = build_rom(scene, shapes, group, checkpoint=checkpoint)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
@@ -28,6 +28,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.measured_history import MeasuredHistory
 from pgmp_petsc.studies.sensitivities import contact_remarks
@@ -113,12 +114,21 @@ def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, f
         )
 
 
-def limits_of(scene: Scene, name: str) -> tuple[float, float]:
-    """Return between what a parameter is searched: its bounds, else the distribution's span of three deviations, else
+def ends_of(model: ReducedModel, name: str) -> tuple[float, float] | None:
+    """Return what is served of a length or a place, else the bounds of a parameter; None where it has none."""
+    served = model.served.get(name)
+    if served is not None and served.is_sharp:
+        return served.least, served.most
+    return model.scene.parameters[name].bounds
+
+
+def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
+    """Return between what a parameter is searched: its ends, else the distribution's span of three deviations, else
     from a hundredth to a hundred times its value."""
+    scene, ends = model.scene, ends_of(model, name)
     parameter, value = scene.parameters[name], scene.values[name]
-    if parameter.bounds is not None:
-        low, high = (float(end) for end in parameter.bounds)
+    if ends is not None:
+        low, high = (float(end) for end in ends)
     elif parameter.distribution is not None:
         values, _ = spanning_values(scene, [name])
         low, high = float(values[name].min()), float(values[name].max())
@@ -142,9 +152,10 @@ class _Fitting:
         count: Callable[[], object],
     ) -> None:
         self._count = count
-        self._model, self._history, self._names, self._noise = model, history, tuple(names), noise
-        scene = model.scene
-        self._limits = np.array([limits_of(scene, name) for name in names])
+        self._history, self._names, self._noise = history, tuple(names), noise
+        self._model, scene = of_samples(model, names), model.scene
+        self._limits = np.array([limits_of(model, name) for name in names])
+        self._lengths = set(length_names(scene))
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
         self._runs: list[tuple[bytes, DifferentiatedRun]] = []
@@ -283,10 +294,11 @@ class _Fitting:
                 )
             elif value < low + near or value > high - near:
                 end = "lower" if value < low + near else "upper"
+                widening = "build with wider" if name in self._lengths else "widen"
                 remarks.append(
                     warning(
                         f"{name} ends at the {end} limit of its search, [{low:g}, {high:g}]; standard errors do not "
-                        f"hold there: widen parameters.{name}.bounds if that makes sense"
+                        f"hold there: {widening} parameters.{name}.bounds if that makes sense"
                     )
                 )
             elif scene.parameters[name].distribution is not None:

@@ -21,7 +21,7 @@ import numpy as np
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, nearest_name
@@ -30,7 +30,8 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.studies.fitting import limits_of
+from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.studies.fitting import ends_of, limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
 from pgmp_petsc.studies.sensitivities import contact_remarks
 
@@ -180,9 +181,11 @@ class _Figures:
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: MPI.Comm) -> None:
-        self._model, self._question, self._comm = model, question, comm
-        scene = model.scene
-        self.limits = np.array([limits_of(scene, name) for name in question.names])
+        scene, self._question, self._comm = model.scene, question, comm
+        drawn = uncertain_names(scene) if question.deviations is not None else []
+        self._model = of_samples(model, [*question.names, *drawn])
+        self.limits = np.array([limits_of(model, name) for name in question.names])
+        self._ends = {name: ends_of(model, name) for name in question.names}
         self.start = np.array([scene.values[name] for name in question.names])
         self.scale = np.where(self.start != 0.0, np.abs(self.start), np.ptp(self.limits, axis=1))
         self._offsets = self._drawn()
@@ -210,7 +213,7 @@ class _Figures:
             return
         scene = self._model.scene
         for name, limits in zip(self._question.names, self.limits):
-            drawn, bounds, low, high = self._offsets[name], scene.parameters[name].bounds, *limits
+            drawn, bounds, low, high = self._offsets[name], self._ends[name], *limits
             if bounds is not None:
                 low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
             elif name in scene.positive_parameters:

@@ -10,7 +10,8 @@ import numpy as np
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.indicator.coverage import polynomials_of_lengths
+from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, nearest_name
@@ -73,7 +74,7 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> 
 
 
 def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> Derivatives:
-    scene, timings = model.scene, Timings()
+    scene, timings, model = model.scene, Timings(), of_samples(model, names)
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     with timings.phase("run and derivatives"), progress(n_steps, "reduced", comm) as bar:
         run = differentiate(model, scene.values, names, bar.update)
@@ -117,7 +118,7 @@ def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
     return (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain)
 
 
-def run_remarks(model: ReducedModel, run: DifferentiatedRun) -> tuple[Remark, ...]:
+def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> tuple[Remark, ...]:
     """Return what is to be said of the derivatives of a run."""
     remarks = [
         note(
@@ -128,8 +129,11 @@ def run_remarks(model: ReducedModel, run: DifferentiatedRun) -> tuple[Remark, ..
     if run.steps_divided > 1:
         step = f"simulation.step = {model.scene.simulation.step:g} s"
         remarks.append(note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it"))
-    if model.outputs.stresses:
-        names = ", ".join(stress.name for stress in model.outputs.stresses)
+    if isinstance(model, LengthLanes):
+        remarks.append(polynomials_of_lengths(model, False))
+    stresses = model.members[0].outputs.stresses
+    if stresses:
+        names = ", ".join(stress.name for stress in stresses)
         remarks.append(
             note(
                 f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "

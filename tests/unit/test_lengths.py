@@ -8,15 +8,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from cantilevers import BEAM_IN_SPACE, IN_SPACE, cantilever
 from length_scenes import CRANK, GUIDE, HIGH, LOW, SMALL, long_crank
 from mpi4py import MPI
-from runs import built_rom, full_model, rom_of, samples
+from runs import built_rom, full_model, read_meshes, rom_of, samples
 
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
-from pgmp_petsc.code.refusal import check_scene
+from pgmp_petsc.ensemble.checked_samples import price_of, share_of
 from pgmp_petsc.experiments.reference import component_model
-from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.indicator.validity import BodyStrains
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_build
 from pgmp_petsc.reduction.length_family import LengthCheck
@@ -25,6 +27,7 @@ from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.served_range import check_served, refuse_beyond, served_ranges
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene.lengths import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
 
@@ -125,9 +128,9 @@ def test_more_builds_than_are_made_are_refused() -> None:
 @pytest.mark.parametrize(
     ("override", "purpose", "line"),
     [
-        ("reduction.tolerance=0.01", Purpose.BUILD, "what a tolerance chooses is tried with one mechanism"),
-        ("reduction.sampling_tolerance=0.01", Purpose.BUILD, "what a tolerance chooses"),
-        ("simulation.tolerance=0.01", Purpose.FULL, "what a tolerance chooses"),
+        ("reduction.sampling_tolerance=0.01", Purpose.BUILD, "models of several lengths have the same angles"),
+        ("simulation.tolerance=0.01", Purpose.FULL, "simulation.tolerance finds the step of one mechanism"),
+        ("simulation.tolerance=0.01", Purpose.REDUCED, "pgmp build finds one for the extreme lengths too"),
         ('reduction.effects="auto"', Purpose.BUILD, "effects are chosen for one mechanism"),
         ("reduction.modes=3", Purpose.TRADEOFF, "settings are compared for one mechanism; give it a number"),
     ],
@@ -140,15 +143,8 @@ def test_what_needs_one_mechanism_is_refused_by_name(override: str, purpose: Pur
     check_capabilities(long_crank(), Purpose.BUILD)
 
 
-def test_export_derivatives_and_component_ensembles_refuse_lengths(rom: ReducedOrderModel) -> None:
+def test_component_ensembles_refuse_lengths() -> None:
     scene = long_crank(*SMALL)
-    with pytest.raises(InputError, match="parameters.rod_length: a length or a place; a model in C has one mechanism"):
-        check_scene(scene, "x")
-    model = ReducedModel(scene, rom)
-    for values, names in ((scene.values, ["rod_length"]), (scene.values | {"rod_length": 0.68}, ["r1"])):
-        with pytest.raises(InputError, match="parameters.rod_length: a length or a place; derivatives go through"):
-            differentiate(model, values, names)
-    assert differentiate(model, scene.values, ["r1"]).derivatives["crank_angle"]["r1"].any()
     with pytest.raises(InputError, match="parameters.rod_length: .* component modes are of one mesh"):
         of_samples(component_model(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF), ["rod_length"])
 
@@ -253,19 +249,57 @@ def test_a_model_of_other_lengths_than_its_own_is_not_run(rom: ReducedOrderModel
     assert isinstance(of_samples(model, ["rod_length"]), SeparateLengths) and of_samples(model, ["r1"]) is model
 
 
-@pytest.mark.parametrize(
-    "override",
-    [
-        'effects.brake={type="joint_friction", joint="elbow", limit=0.01, speed=0.1}',
-        "initial.equilibrium=true",
-        'outputs.pull={type="stress", body="rod", quantity="axial_force"}',
-    ],
-)
-def test_what_needs_a_mechanism_of_its_own_has_one(rom: ReducedOrderModel, override: str) -> None:
-    model = of_samples(ReducedModel(long_crank(*SMALL, override), rom), ["rod_length"])
-    assert isinstance(model, SeparateLengths) and model.largest_batch == 1
+def test_reduced_samples_lie_in_lanes_and_a_quarter_of_their_time_buys_fewer_estimates(rom: ReducedOrderModel) -> None:
+    model = ReducedModel(long_crank(*SMALL, "simulation.duration=1.0"), rom)
+    lanes = of_samples(model, ["rod_length"])
+    assert isinstance(lanes, LengthLanes) and of_samples(model, ["r1"]) is model
+    # one in a vector of samples, and a mechanism that is placed anew
+    assert 0.0 < share_of(lanes) < share_of(model) and price_of(lanes) > LANES * price_of(model)
 
 
-def test_other_samples_lie_in_lanes(rom: ReducedOrderModel) -> None:
-    model = ReducedModel(long_crank(*SMALL), rom)
-    assert isinstance(of_samples(model, ["rod_length"]), LengthLanes) and of_samples(model, ["r1"]) is model
+def test_a_stress_where_a_shorter_body_has_none_is_refused_with_the_length(rom: ReducedOrderModel) -> None:
+    beyond = 'outputs.tip={type="stress", body="rod", quantity="bending_moment", at=[0.695, 0.0]}'
+    model = ReducedModel(long_crank(*SMALL, beyond), rom)
+    with pytest.raises(
+        InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"
+    ):
+        of_samples(model, ["rod_length"])
+
+
+BEAMS = {
+    "in the plane": (long_crank(), "rod", "rod_length"),
+    "in space": (
+        cantilever(
+            BEAM_IN_SPACE.replace("length = 1.0", 'length = "l"'),
+            "[parameters.l]\nnominal = 1.0\nbounds = [0.9, 1.1]\n",
+            IN_SPACE,
+        ),
+        "beam",
+        "l",
+    ),
+}
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("kind", list(BEAMS))
+def test_strains_of_samples_are_those_of_elements_of_their_own_lengths(kind: str, curved: bool) -> None:
+    scene, body, name = BEAMS[kind]
+    lengths = scene.values[name] * np.array([0.96, 1.0, 1.04])
+    mechanism = Mechanism.from_scene(scene, read_meshes(scene))
+    shape = (2 * lengths.size, mechanism.n_nodes, mechanism.space.n_dofs)  # two states of each
+    local = 1e-3 * np.random.default_rng(3).normal(size=shape)
+    values = samples(scene, lengths.size, **{name: lengths})
+    rotation, strain = BodyStrains(scene, mechanism, values, curved).largest(local)
+    for k, length in enumerate(lengths):
+        own = scene.with_values({name: float(length)})
+        strains = BodyStrains(own, Mechanism.from_scene(own, read_meshes(own)), own.values, curved)
+        for found, exact in zip((rotation, strain), strains.largest(local[k :: lengths.size])):
+            np.testing.assert_allclose(found[k :: lengths.size], exact, rtol=1e-12)
+    assert mechanism.bodies[-1].name == body and np.all(strain > 0.0)
+
+
+def test_shares_have_derivatives() -> None:
+    values, h = {"a": 0.74, "b": 0.3}, 1e-4
+    more, less = (TWO.shares(values | {"a": 0.74 + side * h}) for side in (1, -1))
+    np.testing.assert_allclose(TWO.shares(values, "a"), (more - less) / (2 * h), atol=1e-4)  # of cubics, h^2 / half^3
+    assert abs(TWO.shares(values, "b").sum()) < 1e-12 and not TWO.shares(values, "E").any()

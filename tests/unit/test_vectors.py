@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import polynomial as series
 
 from pgmp_petsc.dynamics.bordered import eliminate, factorise, solve, substitute
-from pgmp_petsc.dynamics.cells import Grid, enter, locate_all, refill
+from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import Matrix
 from pgmp_petsc.dynamics.reduced_terms import pack
 from pgmp_petsc.runtime.vectors import (
@@ -122,18 +122,6 @@ def test_what_is_out_of_all_measure_has_a_cell() -> None:
     cells, places = located(theta, (Grid(0.5, 0.25, 7, False),))
     np.testing.assert_array_equal(cells, [0, 0, 0, 0, 0, 6, 0, 2])
     np.testing.assert_allclose(places[0], [0, 0, 0, 0, 0, 0.3, -0.1, 0.0], rtol=0, atol=1e-15)
-
-
-def test_lanes_enter_a_cell() -> None:
-    table, kept = RANDOM.normal(size=(3, 5)), aligned_zeros((5, LANES))
-    enter_cell(table, 2, 0b101, kept)
-    np.testing.assert_array_equal(kept[:, [0, 2]], np.stack([table[2]] * 2, axis=1))
-    assert not kept[:, [1, 3, 4, 5, 6, 7]].any()
-
-
-@njit(error_model="numpy")
-def enter_cell(table, cell, lanes, kept):
-    enter(table, cell, lanes, kept)
 
 
 @pytest.mark.parametrize("periodic", [True, False])

@@ -1,0 +1,145 @@
+"""Samples with lengths of their own, side by side: as single runs with these lengths, with all that acts on them; their
+estimated errors, and derivatives with a length."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from differences import differences
+from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from length_scenes import SMALL, long_crank
+from mpi4py import MPI
+from runs import rom_of, samples
+
+from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.watchers import ErrorWatcher, ValidityWatcher
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.fitting import fit
+from pgmp_petsc.studies.measured_history import MeasuredHistory
+
+LENGTHS = np.array([0.671, 0.72])
+ACTING = (
+    *SMALL,
+    'effects.brake={type="joint_friction", joint="elbow", limit=0.05, speed=0.1}',
+    'effects.spring={type="spring_damper", points=["ground:guide", "rod:tip"], stiffness=50.0, damping=0.5, rest=0.9}',
+    'effects.stop={type="end_stop", joint="crank_hinge", upper=1.0, lower=-4e-3, stiffness=1e3, damping=1.0}',
+    'effects.losses={type="structural_damping", stiffness=1e-5, mass=0.2}',
+    'outputs.bend={type="stress", body="rod", quantity="bending_moment", at=[0.35, 0.0]}',
+)
+STARTS = {
+    "undeformed": (),
+    "settled, held": ("initial.equilibrium=true",),
+    "settled, free": (
+        "initial.equilibrium=true",
+        'initial.coordinates="free"',
+        "simulation.initial.theta.position=-0.1",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def rom() -> ReducedOrderModel:
+    return rom_of(long_crank(*ACTING))
+
+
+@pytest.mark.parametrize("start", list(STARTS))
+def test_samples_in_lanes_are_those_of_single_runs_with_their_lengths(rom: ReducedOrderModel, start: str) -> None:
+    scene = long_crank(*ACTING, *STARTS[start])
+    model = ReducedModel(scene, rom)
+    lanes = of_samples(model, ["rod_length"])
+    values = samples(scene, LENGTHS.size, rod_length=LENGTHS)
+    together = run_batch(lanes, values, 0, [ValidityWatcher(lanes)])
+    assert (together.status == 0).all()
+    for k, length in enumerate(LENGTHS):
+        own = model.at_lengths(scene.with_values({"rod_length": float(length)}))
+        alone = run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [ValidityWatcher(own)])
+        # three points leave 1e-5 of deformations, and more of their derivatives in a body
+        for found, exact in ((together.outputs, alone.outputs), (together.validity, alone.validity)):
+            for name, value in exact.items():
+                assert found[name][k] == pytest.approx(value[0], rel=1e-3, abs=1e-8), f"{name} at {length}"
+
+
+def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> None:
+    """Straight lines between two points of a length: their errors at the end are those of a run with exact kinematics,
+    and what outputs differ by."""
+    scene = long_crank(*SMALL, "reduction.length_points=2", "reduction.angles=8")
+    model = ReducedModel(scene, rom_of(scene))
+    lanes = of_samples(model, ["rod_length"])
+    values = samples(scene, 2, rod_length=LENGTHS)
+    together = run_batch(lanes, values, 0, [ErrorWatcher(indicator_of(lanes))])
+    for k, length in enumerate(LENGTHS):
+        own = model.at_lengths(scene.with_values({"rod_length": float(length)}))
+        alone = run_batch(
+            own, {name: value[[k]] for name, value in values.items()}, 0, [ErrorWatcher(indicator_of(own))]
+        )
+        for name, value in alone.outputs.items():
+            off = together.outputs[name][k] - value[0]
+            more = together.errors_at_end[name][k] - alone.errors_at_end[name][0]
+            # both estimates are of one full-order motion, each about its own
+            assert more == pytest.approx(off, rel=0.02, abs=1e-3 * np.abs(alone.errors_at_end[name][0])), name
+
+
+def test_estimates_of_a_sample_that_cannot_be_placed_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = long_crank(*SMALL)
+    lanes = of_samples(ReducedModel(scene, rom_of(scene)), ["rod_length"])
+
+    def refuse(self: LengthLanes, own: Scene) -> ReducedModel:
+        raise InputError("the mechanism cannot close")
+
+    monkeypatch.setattr(LengthLanes, "at_lengths", refuse)
+    found = run_batch(lanes, samples(scene, 1), 0, [ErrorWatcher(indicator_of(lanes))])
+    assert found.status[0] == 0 and all(np.isnan(values).all() for values in found.errors.values())
+
+
+@pytest.mark.parametrize(
+    ("start", "left_out", "run"),
+    [
+        ("undeformed", "", ("simulation.duration=0.01",)),
+        # friction begins at once where a joint is let go: one iteration a step leaves more than is compared
+        ("settled, held", "effects.brake", ("simulation.duration=4e-3", "simulation.step=2e-4")),
+        ("settled, free", "", ("simulation.duration=0.01",)),
+    ],
+)
+def test_derivatives_with_a_length_are_central_differences(start: str, left_out: str, run: tuple[str, ...]) -> None:
+    entries = [entry for entry in ACTING if not (left_out and entry.startswith(left_out))]
+    no_stop = "effects.stop.lower=-4.0"  # none is met
+    scene = long_crank(*entries, no_stop, *run, *STARTS[start], settings=("rod_length=0.69",))
+    # with the modes of a scene without springs, for the same reason
+    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL))), ["rod_length"])
+    done = differentiate(lanes, scene.values, ["rod_length"])
+    off = {name: [] for name in done.outputs}
+    for share in (2e-3, 5e-4):
+        for name, expected in differences(lanes, "rod_length", share).items():
+            # what hardly depends on the length still has the rounding of its own values
+            size = max(np.abs(expected).max(), 1e-7 * np.abs(done.outputs[name]).max() / 0.69)
+            off[name].append(np.abs(done.derivatives[name]["rod_length"] - expected).max() / size)
+    assert max(map(min, off.values())) < 1e-6, off
+
+
+def test_a_length_is_found_again_from_a_history_of_a_model_built_with_it() -> None:
+    """`fit` starts at the nominal length; the history is of a model of its own at another one."""
+    scene = long_crank(*SMALL)
+    rom = rom_of(scene)
+    true = ReducedModel(scene.with_values({"rod_length": 0.684}), rom)
+    run = differentiate(true, true.scene.values, ())
+    history = MeasuredHistory(run.time, {"slider_position": run.outputs["slider_position"]}, ())
+    found = fit(ReducedModel(scene, rom), history, ["rod_length"], {}, MPI.COMM_SELF)
+    assert found.parameters[0].estimate == pytest.approx(0.684, abs=1e-7)
+    assert (found.parameters[0].lower, found.parameters[0].upper) == pytest.approx((0.665, 0.735))
+
+
+@needs_compiler
+def test_a_model_in_c_has_the_lengths_of_its_export(tmp_path: Path) -> None:
+    scene = long_crank(*SMALL, settings=("rod_length=0.68",))
+    model = ReducedModel(scene, rom_of(long_crank(*SMALL)))
+    found = outputs_of(compiled(model, tmp_path))
+    assert_equal(found, simulated(model).outputs)
+    assert found["slider_position"][0] == pytest.approx(0.3 + 0.68, rel=1e-12)
+    assert "rod_length" not in (tmp_path / "model.c").read_text()
