@@ -178,9 +178,9 @@ def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark
     else:
         remarks.append(
             note(
-                f"the interval is of {found.weights.size} independent weighted samples (central limit theorem of the "
-                "logarithm); a part of the event apart from all that subset simulation found is not in it: another "
-                "--seed looks again"
+                f"the interval is of {found.weights.size} weighted samples in {len(found.rounds)} rounds (central "
+                "limit theorem of the logarithm); a part of the event apart from all that was found is not in it: "
+                "another --seed looks again"
             )
         )
         if not found.n_effective >= FEW:

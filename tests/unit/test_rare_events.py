@@ -124,7 +124,7 @@ def test_the_same_seed_gives_the_same_samples() -> None:
 
 
 def test_no_samples_are_worth_nothing() -> None:
-    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]))
+    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
     assert nothing.probability == 0.0 and nothing.n_effective == 0.0 and np.isnan(nothing.variation)
 
 
