@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from benchmarks.limit_states import limit_states

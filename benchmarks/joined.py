@@ -38,12 +38,14 @@ from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.studies.inputs import read_rom
 
 LEVEL, REPETITIONS = 0.95, 400
-SIZES = ((20, 2000), (50, 2000), (200, 10_000), (20, 200, 2000))
+SIZES = ((10, 2000), (20, 2000), (50, 2000), (200, 10_000), (20, 200, 2000))
 LAWS = {
     "linear": (lambda x, e: x + 0.1 * e, lambda x: x),
     "quadratic": (lambda x, e: x + 0.1 * x**2, lambda x: x),
     "exponential": (lambda x, e: np.exp(0.3 * x), lambda x: np.exp(0.28 * x) + 0.05 * np.sin(3.0 * x)),
     "loose": (lambda x, e: x + 2.0 * e, lambda x: x),
+    "lognormal": (lambda x, e: np.exp(0.6 * x + 0.05 * e), lambda x: np.exp(0.55 * x)),
+    "bounded": (lambda x, e: stats.norm.cdf(x) ** 1.3, lambda x: stats.norm.cdf(x)),
     "skew": (lambda x, e: _exponential(x) + 0.05 * _exponential(x) ** 2, lambda x: _exponential(x)),
 }
 RARE = 0.05
@@ -93,8 +95,8 @@ def coverage() -> Table:
             held, narrower = np.zeros(3), []
             for _ in range(REPETITIONS):
                 values = _models(kind, random, sizes)
-                mean = joined.mean_of(values)
-                ends = [mean.interval(LEVEL), joined.deviation_of(values, mean, LEVEL)[1]]
+                figures = corrected(values, LEVEL).figures
+                ends = [figures[name].interval for name in ("mean", "std")]
                 ends.append(joined.probability_of([value > limit for value in values], LEVEL)[1])
                 held += [low <= figure <= high for (low, high), figure in zip(ends, true)]
                 narrower.append(np.ptp(intervals.of_mean(values[0], LEVEL)) / np.ptp(ends[0]))
