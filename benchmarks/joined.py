@@ -1,6 +1,6 @@
 """What joined models and stopped ensembles are worth: how often their intervals hold, and how narrow they are.
 
-    python -m benchmarks.joined coverage
+    python -m benchmarks.joined coverage [--kinds skew quadratic]
     python -m benchmarks.joined stopped
     python -m benchmarks.joined models rom.h5 [--best 200 --cheap 10000 | --best 64 --cheap 1024 --sobol]
 
@@ -14,7 +14,7 @@ are off is measured between the points, and printed.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -77,10 +77,10 @@ def _models(kind: str, random: np.random.Generator, sizes: tuple[int, ...]) -> l
     return [value[:n] for value, n in zip(values, sizes)]
 
 
-def coverage() -> Table:
+def coverage(kinds: Sequence[str]) -> Table:
     """Return how often intervals of joined models hold, and how much narrower they are."""
     rows = []
-    for number, kind in enumerate(LAWS):
+    for number, kind in ((number, kind) for number, kind in enumerate(LAWS) if kind in kinds):
         random = np.random.default_rng(number)
         # Gauss-Legendre points of the probability of x, and of e: what is known to all digits that matter here
         nodes, weights = np.polynomial.legendre.leggauss(N_NODES)
@@ -219,13 +219,14 @@ def main(arguments: argparse.Namespace) -> None:
         for table in models(arguments.rom, arguments.best, arguments.cheap, arguments.sobol):
             print(table.markdown(), end="\n\n", flush=True)
     else:
-        print({"coverage": coverage, "stopped": stopped}[arguments.what]().markdown())
+        print((coverage(arguments.kinds) if arguments.what == "coverage" else stopped()).markdown())
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("coverage", "stopped", "models"))
     parser.add_argument("rom", nargs="?", type=Path, help="reduced model of a scene with one uncertain parameter")
+    parser.add_argument("--kinds", nargs="+", choices=LAWS, default=tuple(LAWS), help="of models; all")
     parser.add_argument("--best", type=int, default=200, help="full-order samples")
     parser.add_argument("--cheap", type=int, default=10_000, help="reduced samples")
     parser.add_argument("--sobol", action="store_true", help="scrambled Sobol sequences in place of random samples")
