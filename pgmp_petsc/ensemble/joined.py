@@ -73,8 +73,8 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
 
     Only where its curvature is `SURELY` of its standard errors (HC3: MacKinnon and White, Journal of Econometrics 29
     (1985) 305-325): no more than a model that is another function of the parameters, so that whatever follows keeps
-    its expectation. Intervals do not know that the curvature is estimated: with it they held as often, or more often,
-    in all that was measured (`python -m benchmarks.joined coverage`).
+    its expectation. Intervals do not know that the curvature is estimated; `python -m benchmarks.joined coverage`
+    measures how often they hold.
 
     Parameters
     ----------
