@@ -1,11 +1,11 @@
 """Random fields and rare events: expansions, probabilities that are known, and what many parameters cost.
 
     python -m benchmarks.fields eigenvalues
-    python -m benchmarks.fields rare [--samples 5000 --repetitions 100]
+    python -m benchmarks.fields rare [--samples 5000 --repetitions 200 --at 1e-3 1e-4 1e-5]
     python -m benchmarks.fields cost
 
 `eigenvalues` compares those of the exponential kernel on an interval with the closed form (Ghanem and Spanos 1991,
-section 2.3.3). `rare` finds probabilities of limit states, whose true ones are known, with seeds of their own. `cost`
+section 2.3.3). `rare` finds probabilities of `limit_states`, whose true ones are known, with seeds of their own. `cost`
 builds reduced models of the slider-crank with a spring and friction in its elbow, with one uncertain parameter (a
 radius) and with twelve (both radii, modulus, density, the spring's stiffness, the friction's limit and a field of six
 terms), runs samples of both in turn and gives the least processor time of each.
@@ -15,15 +15,14 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.stats import chi2, norm
 
+from benchmarks.limit_states import limit_states
 from benchmarks.tables import Table
 from pgmp_petsc.bodies.karhunen_loeve import expansion
 from pgmp_petsc.ensemble.pieces import Piece
@@ -41,7 +40,6 @@ from pgmp_petsc.studies.inputs import read_scene
 LENGTH, N_TERMS = 0.4, 6  # correlation length over that of the interval
 CELLS = (20, 40, 80, 160)
 LEVEL = 0.95
-FAR = float(norm.isf(1e-4))
 ROUNDS, N = 6, 512  # of runs of each model, and samples of a run
 SCENE = Path(__file__).parents[1] / "scenes" / "slider_crank.toml"
 ONE = (
@@ -106,40 +104,23 @@ def closed_form(extent: float, length: float, n: int) -> np.ndarray:
     return np.array(found)
 
 
-def limit_states() -> Iterator[tuple[str, int, Callable[[np.ndarray], np.ndarray], float]]:
-    """Yield limit states with their number of parameters and their probability."""
-    for d in (1, 2, 6, 12, 20):
-        yield f"plane, {d}", d, lambda u, d=d: FAR - u.sum(axis=1) / np.sqrt(d), 1e-4
-    for d, bend in ((6, 0.2), (12, 0.1), (6, -0.1)):
-
-        def bowl(u: np.ndarray, bend: float = bend) -> np.ndarray:
-            return 3.0 - u[:, 0] + 0.5 * bend * np.sum(u[:, 1:] ** 2, axis=1)
-
-        def density(s: float, d: int = d, bend: float = bend) -> float:
-            return norm.sf(3.0 + 0.5 * bend * s) * chi2.pdf(s, d - 1)
-
-        yield f"quadratic, {d}, bend {bend:g}", d, bowl, quad(density, 0.0, 80.0, points=[1, 5, 20], limit=200)[0]
-    radius = np.sqrt(chi2.isf(1e-4, 2))
-    yield "all around, 2", 2, lambda u: radius - np.hypot(u[:, 0], u[:, 1]), 1e-4
-    yield "on both sides, 6", 6, lambda u: 4.0 - np.abs(u[:, 0]), 2.0 * norm.sf(4.0)
-
-
-def rare(n_samples: int, repetitions: int) -> Table:
+def rare(n_samples: int, repetitions: int, at: Sequence[float]) -> Table:
     """Return errors of probabilities and how often their intervals hold."""
     rows = []
-    for name, d, limit_state, exact in limit_states():
-        found = [find(limit_state, d, n_samples, seed) for seed in range(repetitions)]
+    for exact, (name, d, limit_state) in ((exact, one) for exact in at for one in limit_states(exact)):
+        found = [one for one in (find(limit_state, d, n_samples, seed) for seed in range(repetitions)) if one.reached]
         estimates = np.array([one.probability for one in found]) / exact
         by_levels = np.array([one.by_levels for one in found]) / exact
-        ends = np.array([one.interval(LEVEL) for one in found])
+        ends = np.array([one.interval(LEVEL) for one in found]).reshape(-1, 2)
         held = np.mean((ends[:, 0] <= exact) & (exact <= ends[:, 1]))
         off, levels = (np.sqrt(np.mean((values - 1.0) ** 2)) for values in (estimates, by_levels))
         said, weighted = np.mean([one.variation for one in found]), np.mean([one.weights.size for one in found])
-        figures = [f"{exact:.3g}", f"{100 * (estimates.mean() - 1):.1f}", f"{100 * off:.1f}", f"{100 * said:.1f}"]
-        rows.append([name, *figures, f"{100 * held:.0f}", f"{weighted:.0f}", f"{100 * levels:.0f}"])
+        figures = [f"{exact:.0e}", f"{100 * (estimates.mean() - 1):.1f}", f"{100 * off:.1f}", f"{100 * said:.1f}"]
+        figures += [f"{100 * held:.1f}", f"{weighted:.0f}", f"{100 * levels:.0f}", str(repetitions - len(found))]
+        rows.append([f"{name}, {d}", *figures])
     header = [
         "limit state, parameters", "probability", "bias, %", "error, %", "said, %", "intervals that hold, %",
-        "weighted samples", "error of the levels alone, %",
+        "weighted samples", "error of the levels alone, %", "not reached",
     ]  # fmt: skip
     words = (
         f"Root-mean-square errors of {repetitions} runs of {n_samples} samples each; intervals of {100 * LEVEL:g} %."
@@ -176,7 +157,8 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.what == "cost":
         table = cost()
     else:
-        table = eigenvalues() if arguments.what == "eigenvalues" else rare(arguments.samples, arguments.repetitions)
+        of_events = arguments.samples, arguments.repetitions, arguments.at
+        table = eigenvalues() if arguments.what == "eigenvalues" else rare(*of_events)
     print(table.markdown())
 
 
@@ -184,7 +166,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("eigenvalues", "rare", "cost"))
     parser.add_argument("--samples", type=int, default=5000, help="of a rare event")
-    parser.add_argument("--repetitions", type=int, default=100, help="of every limit state")
+    parser.add_argument("--repetitions", type=int, default=200, help="of every limit state")
+    parser.add_argument("--at", type=float, nargs="+", default=(1e-3, 1e-4, 1e-5), help="probabilities")
     arguments = parser.parse_args()
     start_petsc()
     end(guarded(lambda: main(arguments)))

@@ -1,6 +1,6 @@
 """What joined models and stopped ensembles are worth: how often their intervals hold, and how narrow they are.
 
-    python -m benchmarks.joined coverage
+    python -m benchmarks.joined coverage [--kinds skew quadratic]
     python -m benchmarks.joined stopped
     python -m benchmarks.joined models rom.h5 [--best 200 --cheap 10000 | --best 64 --cheap 1024 --sobol]
 
@@ -14,7 +14,7 @@ are off is measured between the points, and printed.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,12 +38,14 @@ from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.studies.inputs import read_rom
 
 LEVEL, REPETITIONS = 0.95, 400
-SIZES = ((20, 2000), (50, 2000), (200, 10_000), (20, 200, 2000))
+SIZES = ((10, 2000), (20, 2000), (50, 2000), (200, 10_000), (20, 200, 2000))
 LAWS = {
     "linear": (lambda x, e: x + 0.1 * e, lambda x: x),
     "quadratic": (lambda x, e: x + 0.1 * x**2, lambda x: x),
     "exponential": (lambda x, e: np.exp(0.3 * x), lambda x: np.exp(0.28 * x) + 0.05 * np.sin(3.0 * x)),
     "loose": (lambda x, e: x + 2.0 * e, lambda x: x),
+    "lognormal": (lambda x, e: np.exp(0.6 * x + 0.05 * e), lambda x: np.exp(0.55 * x)),
+    "bounded": (lambda x, e: stats.norm.cdf(x) ** 1.3, lambda x: stats.norm.cdf(x)),
     "skew": (lambda x, e: _exponential(x) + 0.05 * _exponential(x) ** 2, lambda x: _exponential(x)),
 }
 RARE = 0.05
@@ -75,10 +77,10 @@ def _models(kind: str, random: np.random.Generator, sizes: tuple[int, ...]) -> l
     return [value[:n] for value, n in zip(values, sizes)]
 
 
-def coverage() -> Table:
+def coverage(kinds: Sequence[str]) -> Table:
     """Return how often intervals of joined models hold, and how much narrower they are."""
     rows = []
-    for number, kind in enumerate(LAWS):
+    for number, kind in ((number, kind) for number, kind in enumerate(LAWS) if kind in kinds):
         random = np.random.default_rng(number)
         # Gauss-Legendre points of the probability of x, and of e: what is known to all digits that matter here
         nodes, weights = np.polynomial.legendre.leggauss(N_NODES)
@@ -93,8 +95,8 @@ def coverage() -> Table:
             held, narrower = np.zeros(3), []
             for _ in range(REPETITIONS):
                 values = _models(kind, random, sizes)
-                mean = joined.mean_of(values)
-                ends = [mean.interval(LEVEL), joined.deviation_of(values, mean, LEVEL)[1]]
+                figures = corrected(values, LEVEL).figures
+                ends = [figures[name].interval for name in ("mean", "std")]
                 ends.append(joined.probability_of([value > limit for value in values], LEVEL)[1])
                 held += [low <= figure <= high for (low, high), figure in zip(ends, true)]
                 narrower.append(np.ptp(intervals.of_mean(values[0], LEVEL)) / np.ptp(ends[0]))
@@ -217,13 +219,14 @@ def main(arguments: argparse.Namespace) -> None:
         for table in models(arguments.rom, arguments.best, arguments.cheap, arguments.sobol):
             print(table.markdown(), end="\n\n", flush=True)
     else:
-        print({"coverage": coverage, "stopped": stopped}[arguments.what]().markdown())
+        print((coverage(arguments.kinds) if arguments.what == "coverage" else stopped()).markdown())
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("coverage", "stopped", "models"))
     parser.add_argument("rom", nargs="?", type=Path, help="reduced model of a scene with one uncertain parameter")
+    parser.add_argument("--kinds", nargs="+", choices=LAWS, default=tuple(LAWS), help="of models; all")
     parser.add_argument("--best", type=int, default=200, help="full-order samples")
     parser.add_argument("--cheap", type=int, default=10_000, help="reduced samples")
     parser.add_argument("--sobol", action="store_true", help="scrambled Sobol sequences in place of random samples")

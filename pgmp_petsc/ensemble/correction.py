@@ -144,8 +144,9 @@ def _are_enough(n: int, replicates: np.ndarray | None) -> bool:
 def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.ndarray | None = None) -> Corrected:
     """Return mean, deviation and bias from values of all models, as `joined.mean_of` takes them."""
     best, own = values[0], values[-1]
-    mean = joined.mean_of(values, replicates)
-    deviation, of_deviation = joined.deviation_of(values, mean, confidence, replicates)
+    nearer = joined.calibrated(values)
+    mean = joined.mean_of(nearer, replicates)
+    deviation, of_deviation = joined.deviation_of(nearer, mean, confidence, replicates)
     # the cheapest model less the best, with the same controls
     bias = joined.mean_of([own[: best.size] - best, *values[1:]], replicates)
     if replicates is None:
@@ -176,8 +177,9 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
     remarks.append(
         note(
             f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
-            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. Quantiles, densities, "
-            f"bands and Sobol indices are of {found.models[-1]} alone"
+            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
+            f"{best} is surely curved counts through the parabola that fits. Quantiles, densities, bands and "
+            f"Sobol indices are of {found.models[-1]} alone"
         )
     )
     if "/" not in best:

@@ -6,27 +6,35 @@ the Royal Statistical Society B 55 (1993) 409-422), make the density
     q(u) = sum_j w_j phi_s(u - c_j),    c_j = m + a (p_j - m),    s^2 = max(1 - a^2, 0.6).
 
 With a = 0 it is one normal density a cluster, best of an event with a nearly plane border; with a = 1 it follows the
-points, however the event is shaped, but is wider than they are, the more so in many dimensions. Points of the event are
-distributed as ``phi(u) / P``, so that their mean of ``phi / q`` foretells the variance of the weights: it chooses a and
-the number of clusters, on points that had no part in q. A share of the samples is from kernels about all points as they
-are, with s = 1 (a defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has
-no large weight. Weights have a finite variance for every s^2 above 1/2.
+points, however the event is shaped, but is wider than they are, the more so in many dimensions. Best of an event all
+around is the standard normal density outside a ball (radial importance sampling: Harbitz, Structural Safety 3 (1986)
+109-115), whose weights are all ``P(|u| > r)``.
+
+Points of the event are distributed as ``phi(u) / P``, so that their mean of ``phi / q`` foretells the variance of the
+weights: it chooses a, the number of clusters, or the ball, on points that had no part in q. A share of the samples is
+from kernels about points as they are, with s = 1, and a share from outside the ball (a defensive mixture, Hesterberg,
+Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight, and in few variables samples fall
+into parts of the event that no point has found. Weights have a finite variance for every s^2 above 1/2.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-DRAWN = (0.0, 0.35, 0.6, 1.0)  # factors a
+DRAWN = (0.0, 0.5, 1.0)  # factors a
 CLUSTERS = (1, 2, 4, 8)
 LEAST_VARIANCE = 0.6
-DEFENSIVE = 0.25  # share of samples from kernels about all points
+DEFENSIVE = 0.2  # share of samples from kernels about points
+OUTSIDE = 0.1  # and from outside the ball
+LARGER = 1.2  # probability of outside the ball over that of outside the nearest point, which is not the event's nearest
 FEWEST = 10  # points a cluster
+KERNELS = 120  # about as many of the points; more take time and add little
 FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
-AT_ONCE = 4_000_000  # numbers of differences between points
+AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +63,60 @@ class KernelDensity:
 
     def log(self, points: np.ndarray) -> np.ndarray:
         """Return the logarithm of the density at points (n, d), shape (n,)."""
-        step, d = max(1, AT_ONCE // self.centres.size), points.shape[1]
+        step, d = max(1, AT_ONCE // len(self.centres)), points.shape[1]
+        precisions = self.deviations**-2.0
         factors = np.log(self.shares) - d * np.log(self.deviations * np.sqrt(2.0 * np.pi))
-        parts = [np.zeros(0)]
+        factors -= 0.5 * precisions * np.sum(self.centres**2, axis=1)
+        scaled, parts = precisions[:, None] * self.centres, [np.zeros(0)]
         for first in range(0, len(points), step):
-            apart = (points[first : first + step, None] - self.centres) / self.deviations[:, None]
-            exponents = factors - 0.5 * np.sum(apart**2, axis=2)
+            some = points[first : first + step]
+            # |u - c|^2 multiplied out; not by BLAS, whose sums may depend on the number of threads
+            exponents = np.einsum("nd,md->nm", some, scaled)
+            exponents += factors - 0.5 * np.sum(some**2, axis=1)[:, None] * precisions
             most = exponents.max(axis=1)
-            parts.append(most + np.log(np.sum(np.exp(exponents - most[:, None]), axis=1)))
+            exponents -= most[:, None]
+            parts.append(most + np.log(np.sum(np.exp(exponents, out=exponents), axis=1)))
         return np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Kernels, and the standard normal density outside a ball.
+
+    Attributes
+    ----------
+    kernels
+        Normal kernels.
+    outside
+        Probability of outside the ball.
+    share
+        Of samples from there.
+    """
+
+    kernels: KernelDensity
+    outside: float
+    share: float
+
+    @property
+    def _squared_radius(self) -> float:
+        return float(_squared_radius(self.outside, self.kernels.centres.shape[1]))
+
+    def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
+        """Return n independent points, shape (n, d)."""
+        d = self.kernels.centres.shape[1]
+        n_outside = int(random.binomial(n, self.share))
+        directions = random.standard_normal((n_outside, d))
+        directions /= np.sqrt(np.sum(directions**2, axis=1, keepdims=True))
+        # 1 - random is never 0, which would be infinitely far
+        radii = np.sqrt(_squared_radius(self.outside * (1.0 - random.random(n_outside)), d))
+        return np.concatenate([radii[:, None] * directions, self.kernels.draw(n - n_outside, random)])
+
+    def log(self, points: np.ndarray) -> np.ndarray:
+        """Return the logarithm of the density at points (n, d), shape (n,)."""
+        # the points drawn nearest are on the border but for round-off
+        beyond = np.sum(points**2, axis=1) >= (1.0 - 1e-12) * self._squared_radius
+        of_outside = np.where(beyond, log_normal(points) + np.log(self.share / self.outside), -np.inf)
+        return np.logaddexp(of_outside, np.log1p(-self.share) + self.kernels.log(points))
 
 
 def log_normal(points: np.ndarray) -> np.ndarray:
@@ -71,7 +124,7 @@ def log_normal(points: np.ndarray) -> np.ndarray:
     return -0.5 * np.sum(points**2, axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
 
 
-def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> KernelDensity:
+def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> Mixture:
     """Return the density that foretells the least variance of weights.
 
     Parameters
@@ -81,47 +134,91 @@ def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Ge
     random
         Which points try the densities that others make.
     """
-    order = random.permutation(len(points))
-    (one, of_one), (other, of_other) = ((points[k], weights[k]) for k in (order[::2], order[1::2]))
-    best, choice = np.inf, (CLUSTERS[0], DRAWN[-1])
-    for n_clusters, factor, density in _densities(one, of_one, random):
-        second_moment = np.average(np.exp(log_normal(other) - density.log(other)), weights=of_other)
-        if second_moment < best:
-            best, choice = second_moment, (n_clusters, factor)
-    found = _density(points, weights, _cluster_means(points, weights, choice[0], random), choice[1])
-    broad = weights / weights.sum()
-    return KernelDensity(
-        np.concatenate([found.centres, points]),
-        np.concatenate([(1.0 - DEFENSIVE) * found.shares, DEFENSIVE * broad]),
-        np.concatenate([found.deviations, np.ones(len(points))]),
+    from scipy.special import gammaincc
+
+    d, order, scores = points.shape[1], random.permutation(len(points)), {}
+    halves = order[::2], order[1::2]
+    for make, test in (halves, halves[::-1]):
+        other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
+        for choice, density in _densities(points[make], weights[make], random):
+            second_moment = np.average(np.exp(log_normal(other) - density.log(other)), weights=of_other)
+            scores[choice] = scores.get(choice, 0.0) + 0.5 * second_moment
+    nearest = float(np.min(np.sum(points**2, axis=1)))
+    outside = min(1.0, LARGER * float(gammaincc(0.5 * d, 0.5 * nearest)))
+    broad, of_broad = _some(points, weights, KERNELS, random)
+    (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
+    if outside < least:
+        return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
+    found = _density(points, weights, _clusters(points, weights, n_clusters, random), factor, random)
+    main = 1.0 - DEFENSIVE - OUTSIDE
+    kernels = KernelDensity(
+        np.concatenate([found.centres, broad]),
+        np.concatenate([main * found.shares, DEFENSIVE * of_broad]) / (1.0 - OUTSIDE),
+        np.concatenate([found.deviations, np.ones(len(broad))]),
     )
+    return Mixture(kernels, outside, OUTSIDE)
+
+
+def _squared_radius(outside: np.ndarray | float, d: int) -> np.ndarray:
+    """Return the squared radius of the balls that standard normal points are outside of with these probabilities."""
+    from scipy.special import gammainccinv
+
+    return 2.0 * gammainccinv(0.5 * d, outside)
+
+
+def _some(
+    points: np.ndarray, weights: np.ndarray, n: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return at most n of the points and their shares: drawn by their weights at equal steps (systematic sampling)."""
+    if len(points) <= n:
+        return points, weights / weights.sum()
+    sums = np.cumsum(weights)
+    drawn = np.searchsorted(sums, (random.random() + np.arange(n)) / n * sums[-1])
+    chosen, counts = np.unique(np.minimum(drawn, len(points) - 1), return_counts=True)
+    return points[chosen], counts / n
 
 
 def _densities(
     points: np.ndarray, weights: np.ndarray, random: np.random.Generator
-) -> Iterator[tuple[int, float, KernelDensity]]:
-    """Yield all densities that are tried, with the number of clusters and the factor."""
+) -> Iterator[tuple[tuple[int, float], KernelDensity]]:
+    """Yield all densities of kernels that are tried, each after its number of clusters and factor."""
     for n_clusters in CLUSTERS:
         if n_clusters == 1 or len(points) >= FEWEST * n_clusters:
-            means = _cluster_means(points, weights, n_clusters, random)
+            clusters = _clusters(points, weights, n_clusters, random)
             for factor in DRAWN:
-                yield n_clusters, factor, _density(points, weights, means, factor)
+                yield (n_clusters, factor), _density(points, weights, clusters, factor, random)
 
 
-def _density(points: np.ndarray, weights: np.ndarray, means: np.ndarray, factor: float) -> KernelDensity:
-    drawn, place = np.unique(means + factor * (points - means), axis=0, return_inverse=True)
-    shares = np.bincount(place.reshape(-1), weights=weights, minlength=len(drawn))
+def _density(
+    points: np.ndarray,
+    weights: np.ndarray,
+    clusters: tuple[np.ndarray, np.ndarray],
+    factor: float,
+    random: np.random.Generator,
+) -> KernelDensity:
+    means, shares = clusters
     deviation = np.sqrt(max(1.0 - factor**2, LEAST_VARIANCE))
-    return KernelDensity(drawn, shares / shares.sum(), np.full(len(drawn), deviation))
+    if factor > 0.0:
+        some, shares = _some(points, weights, KERNELS, random)
+        own = means[np.argmin(np.sum((some[:, None] - means) ** 2, axis=2), axis=1)]
+        means = own + factor * (some - own)
+    return KernelDensity(means, shares, np.full(len(means), deviation))
 
 
-def _cluster_means(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
-    """Return the mean of every point's cluster, shape (m, d)."""
+def _clusters(
+    points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
     from scipy.cluster.vq import kmeans2
 
-    labels = np.zeros(len(points), dtype=int)
-    if n_clusters > 1:
-        labels = kmeans2(points, n_clusters, minit="++", seed=random)[1]
+    if n_clusters == 1:
+        return np.average(points, axis=0, weights=weights)[None], np.ones(1)
+    some, shares = _some(points, weights, 4 * KERNELS, random)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out below
+        labels = kmeans2(some, n_clusters, iter=5, minit="++", seed=random)[1]
     sums = np.zeros((n_clusters, points.shape[1]))
-    np.add.at(sums, labels, weights[:, None] * points)
-    return (sums / np.maximum(np.bincount(labels, weights=weights, minlength=n_clusters), 1e-300)[:, None])[labels]
+    np.add.at(sums, labels, shares[:, None] * some)
+    totals = np.bincount(labels, weights=shares, minlength=n_clusters)
+    kept = totals > 0.0
+    return sums[kept] / totals[kept, None], totals[kept]

@@ -7,10 +7,14 @@ Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): `
 w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
 that were found.
 
-Normal kernels about these points make the density q that further, independent samples are drawn from (`importance`).
-Their mean of ``1[g <= 0] phi(u) / q(u)`` is the probability: unbiased wherever the points are, and with an interval
-from the central limit theorem. What it rests on is that no part of the event is far from all points: a part that no
-chain has found has no part in the interval either.
+These points make the density q that further, independent samples are drawn from (`importance`), in rounds: the samples
+of every round that are in the event make the density of the next one. In the chains, parts of an event that lie apart
+have the shares that chance gave their ancestors; weighted samples give them their own. The first round does no more
+than that. Of each later one the mean of ``1[g <= 0] phi(u) / q(u)`` is the probability: unbiased wherever the points
+are, as rounds before are given, so that the rounds are uncorrelated and their variances add. They count as the square
+roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no estimate of how much the later ones are better.
+The interval is that of the central limit theorem. What it rests on is that no part of the event is far from all points:
+in many variables a part that no chain has found has no part in the interval either.
 """
 
 from __future__ import annotations
@@ -25,9 +29,9 @@ from pgmp_petsc.ensemble.importance import chosen_density, log_normal
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
-PART_OF_LEVEL = 10  # of all samples a level has one of so many
+PART_OF_LEVEL = 8  # of all samples a level has one of so many: with fewer, chains lose parts of an event
 MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
-FIRST = 3  # one of so many weighted samples makes the density of the others
+ROUNDS = 4  # of importance sampling, the first of which has no part in the probability
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
 
@@ -69,13 +73,17 @@ class RareSamples:
     limit_state
         g of them, shape (n,); NaN where the run failed.
     weights
-        ``phi / q`` of those of importance sampling, which are the last ones, shape (n_weighted,).
+        Of those of importance sampling that count, which are the last ones, shape (n_weighted,): ``phi / q`` by the
+        weight of the round.
+    rounds
+        Numbers of samples of the rounds that count; their sum is n_weighted.
     """
 
     levels: tuple[Level, ...]
     points: np.ndarray
     limit_state: np.ndarray
     weights: np.ndarray
+    rounds: tuple[int, ...]
 
     @property
     def reached(self) -> bool:
@@ -120,9 +128,10 @@ class RareSamples:
     def variation(self) -> float:
         """Coefficient of variation of the probability, estimated."""
         found = self.contributions
-        if found.size < 2 or not found.any():
+        if not found.any():
             return np.nan
-        return float(found.std(ddof=1) / (found.mean() * np.sqrt(found.size)))
+        each = np.split(found, np.cumsum(self.rounds)[:-1])
+        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in each)) / found.sum())
 
     @property
     def n_effective(self) -> float:
@@ -131,12 +140,16 @@ class RareSamples:
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
 
     def interval(self, confidence: float) -> np.ndarray:
-        """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal."""
-        from scipy.special import ndtri
+        """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
+
+        Student's t, with the freedom of as many samples as the weighted ones are worth.
+        """
+        from scipy.special import stdtrit
 
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)
-        spread = np.sqrt(np.log1p(self.variation**2)) * float(ndtri(0.5 + 0.5 * confidence))
+        reach = float(stdtrit(max(self.n_effective - 1.0, 1.0), 0.5 + 0.5 * confidence))
+        spread = np.sqrt(np.log1p(self.variation**2)) * reach
         return np.minimum(self.probability * np.exp([-spread, spread]), 1.0)
 
 
@@ -176,10 +189,16 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
         levels.append(Level(threshold, passed.size / size, accepted, before))
         if threshold == 0.0:
             break
-    weights = np.zeros(0)
+    weights: list[np.ndarray] = []
     if levels and levels[-1].threshold == 0.0:
         weights = chains.weigh(points, n_samples - chains.n)
-    return RareSamples(tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values), weights)
+    return RareSamples(
+        tuple(levels),
+        np.concatenate(chains.points),
+        np.concatenate(chains.values),
+        np.concatenate([np.zeros(0), *weights]),
+        tuple(of_round.size for of_round in weights),
+    )
 
 
 class _Chains:
@@ -223,22 +242,27 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def weigh(self, points: np.ndarray, n: int) -> np.ndarray:
-        """Evaluate n points from a density that points of the event make, and return their weights.
+    def weigh(self, points: np.ndarray, n: int) -> list[np.ndarray]:
+        """Evaluate n points from densities that points of the event make, and return the weights of all rounds but one.
 
-        The first of them, which are independent as those of chains are not, make a better density for the others.
+        The first round is left out: its density is from points of chains, which are not independent.
         """
         centres, counts = np.unique(points, axis=0, return_counts=True)
-        found, known = [], counts.astype(float)
-        for number in (n // FIRST, n - n // FIRST):
+        found, inside, known = [], [], counts.astype(float)
+        sizes = np.full(ROUNDS, n // ROUNDS)
+        sizes[-1] += n % ROUNDS
+        for size in sizes:
             random = self._random()
             density = chosen_density(centres, known, random)
-            drawn = density.draw(number, random)
-            inside = self._evaluate(drawn) <= 0.0
+            drawn = density.draw(size, random)
+            within = self._evaluate(drawn) <= 0.0
             found.append(np.exp(log_normal(drawn) - density.log(drawn)))
-            if inside.sum() >= ENOUGH:
-                centres, known = drawn[inside], found[-1][inside]
-        return np.concatenate(found)
+            inside.append((drawn[within], found[-1][within]))
+            if sum(len(some) for some, _ in inside) >= ENOUGH:
+                centres, known = (np.concatenate(parts) for parts in zip(*inside))
+        roots = np.sqrt(np.arange(1, ROUNDS))
+        roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
+        return [root * weights for root, weights in zip(roots, found[1:])]
 
     def _random(self) -> np.random.Generator:
         self._number += 1

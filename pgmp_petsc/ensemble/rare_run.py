@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
-FEW = 30.0  # effective samples below which an interval is not to be trusted
+FEW = 50.0  # effective samples below which an interval is not to be trusted: in 20 variables it held in 76 to 89 %
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -178,9 +178,9 @@ def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark
     else:
         remarks.append(
             note(
-                f"the interval is of {found.weights.size} independent weighted samples (central limit theorem of the "
-                "logarithm); a part of the event apart from all that subset simulation found is not in it: another "
-                "--seed looks again"
+                f"the interval is of {found.weights.size} weighted samples in {len(found.rounds)} rounds (central "
+                "limit theorem of the logarithm); a part of the event apart from all that was found is not in it: "
+                "another --seed looks again"
             )
         )
         if not found.n_effective >= FEW:

@@ -14,7 +14,7 @@ dataset                      shape        meaning
 ``/curve/value``             (n_curve)    values of the output, the probability of beyond these falling
 ``/curve/probability``       (n_curve)    as the levels know it
 ``/samples/value``           (N)          of the output at the end, or the furthest in the run; NaN of failed ones
-``/samples/weight``          (N)          of importance sampling; 0 of subset simulation, which comes first
+``/samples/weight``          (N)          of importance sampling; 0 of what only leads there, which comes first
 ``/samples/normal``          (N, d)       standard normal variables, in the order of attribute ``parameters``
 ``/parameters/<name>``       (N)          values of the parameters
 ``/status``                  (N)          0 = fine
@@ -117,7 +117,7 @@ class RareEvent:
             put(group, "probability", self.curve[1], "1", "of beyond these values, as the levels know it")
             group = file.create_group("samples")
             put(group, "value", self.value, self.unit, f"of '{self.output}', NaN of failed samples")
-            put(group, "weight", self.weight, "1", "of importance sampling; 0 of subset simulation")
+            put(group, "weight", self.weight, "1", "of importance sampling; 0 of what only leads there")
             put(group, "normal", self.normal, "1", "standard normal variables, in the order of parameters_drawn")
             put_named(file, "parameters", self.parameters, {}, "values of '{name}', SI units")
             put(file, "status", self.status.astype(np.int32), "1", "how each sample ended, 0 = fine")
