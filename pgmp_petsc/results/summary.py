@@ -22,6 +22,7 @@ from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.results.statistics import Statistics
 from pgmp_petsc.results.stopping import Stopping
 from pgmp_petsc.results.tradeoff import Tradeoff
@@ -66,7 +67,13 @@ def summary_of(result: object) -> dict[str, Any]:
         kind, left_out = WHOLE[type(result)]
         own = {item.name: getattr(result, item.name) for item in fields(result) if item.name not in left_out}
         return {**own, "kind": kind, **origin_of(own.pop("record"))}
-    for kind, summary in ((Trajectory, _run), (Ensemble, _ensemble), (Tradeoff, _study), (ModesTable, _modes)):
+    for kind, summary in (
+        (Trajectory, _run),
+        (Ensemble, _ensemble),
+        (Tradeoff, _study),
+        (ModesTable, _modes),
+        (ShardSamples, _shard),
+    ):
         if isinstance(result, kind):
             return {**summary(result), **origin_of(result.record)}
     raise TypeError(f"no figures of {type(result).__name__}")
@@ -86,6 +93,12 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
         "remarks": [asdict(remark) for remark in record.remarks],
         "timings": record.timings,
     }
+
+
+def _shard(shard: ShardSamples) -> dict[str, Any]:
+    place = shard.place
+    ends = {"first": place.first, "last": place.first + len(shard.status) - 1, "of": place.n_samples}
+    return {"kind": "shard", "model": shard.model, "shard": f"{place.number}/{place.count}", **ends}
 
 
 def _run(run: Trajectory) -> dict[str, Any]:
