@@ -1,8 +1,8 @@
 """The ranks that a call runs on, and the start of MPI, PETSc and SLEPc where a program has not started them.
 
-PETSc starts together on the ranks of a call, never on others: a program whose ranks go ways of their own, and of which
-some compute nothing, waits for nobody. Where some of a call's ranks have it running and others have not, these start it
-by themselves; every object of PETSc here is on a communicator that is named.
+PETSc starts together on the ranks of a call, and waits for no others: ranks of a program may go ways of their own, and
+some compute nothing. Where some of a call's ranks have it running and others have not, these start it by themselves;
+every object of PETSc here is on a communicator that is named.
 """
 
 from __future__ import annotations
@@ -61,17 +61,17 @@ def petsc_is_seen_to() -> None:
 
 def _start(comm: MPI.Comm) -> None:
     """Start PETSc where it does not run; a program that started it has given its own options. Collective on `comm`."""
-    runs = petsc_runs()
-    somewhere = runs if comm.size == 1 else any(comm.allgather(runs))
+    own = petsc_runs(), bool(_seen_to)
+    states = {own} if comm.size == 1 else set(comm.allgather(own))
     if _seen_to:
         return
-    world = start_mpi()
-    if comm.size == world.size:
-        where = world
-    else:
+    # at the end all ranks that began together let go together, and no other rank is waited for
+    where = alone()
+    if len(states) == 1 and comm.size > 1:
+        world = start_mpi()
         # PETSc keeps it to the end of the program, and the caller's may be freed
-        where = alone() if somewhere or comm.size == 1 else comm.Dup()
-    start_petsc((), alone() if somewhere else where)
+        where = world if comm.size == world.size else comm.Dup()
+    start_petsc((), where)
     atexit.register(release_petsc, where)
     _seen_to.append("by a call")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,9 +13,11 @@ from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.building import Built
+
+if TYPE_CHECKING:
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.studies.building import Built
 
 
 @click.command()

@@ -12,7 +12,7 @@ import numpy as np
 from pgmp_petsc.api.better import Correction
 from pgmp_petsc.api.ensembles import montecarlo as integrated
 from pgmp_petsc.api.ensembles import rare_event, retry_failed
-from pgmp_petsc.api.requests import Stopping
+from pgmp_petsc.api.requests import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Shard, Stopping
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_of, model_options, one_model
@@ -20,7 +20,6 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.rare import alone
 from pgmp_petsc.cli.rare import report as report_rare
-from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Shard
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.rare_event import RareEvent

@@ -149,6 +149,19 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
                 assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
 
 
+#: Commands that call the Python interface, and nothing else that computes.
+THIN = ("build", "fit", "merge", "montecarlo", "optimize", "rare", "sensitivities", "simulate", "tradeoff", "calls")
+
+
+@pytest.mark.parametrize("command", THIN)
+def test_commands_call_the_interface_and_nothing_else(command: str) -> None:
+    """They read the line and print results; figures are drawn of results."""
+    modules = imports_of(PACKAGE / "cli" / f"{command}.py", for_types=False)
+    ours = {name.split(".")[1] for name in modules if name.startswith("pgmp_petsc.")}
+    assert ours <= {"api", "cli", "results", "runtime", "figures"}
+    assert "api" in ours or command == "rare"
+
+
 @pytest.mark.parametrize("command", ["simulate", "montecarlo"])
 def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) -> None:
     """A reduced model stands alone: no eigensolver, no reader of meshes."""
