@@ -29,6 +29,7 @@ _NAMES = {
     "optimize": "api.designs",
     "Robust": "api.designs",
     "tradeoff": "api.tradeoffs",
+    "frequencies": "api.modes",
     "fields": "api.fields",
     "write_report": "api.pages",
     "Result": "api.result",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from pgmp_petsc.bodies.shape import BodyShape
     from pgmp_petsc.mechanism.capabilities import Purpose
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
@@ -121,6 +122,11 @@ def scene_and_meshes(
         return with_meshes(changed(source, overrides, settings), purpose)
 
     return on_root(comm, preparing_the_scene)
+
+
+def model_of_rom(rom: Rom | Named, comm: MPI.Comm) -> ReducedOrderModel:
+    """Return the tables of a reduced model, or of its file. Collective on `comm`."""
+    return rom.data.rom if isinstance(rom, Rom) else read_rom(Path(rom), (), (), comm)[1]
 
 
 def directory_of(source: AnySource) -> Path:

@@ -301,6 +301,11 @@ WRONG = {
     "a scene": (lambda rom, scene: pgmp.build(3), "scene: int received; allowed is a scene"),
     "no build": (lambda rom, scene: pgmp.build(scene, resume=True), "resume: without output nothing is kept"),
     "no study": (lambda rom, scene: pgmp.tradeoff(scene, resume=True), "resume: without output nothing is kept"),
+    "angles": (lambda rom, scene: pgmp.frequencies(scene, angles=1), "angles = 1: allowed are whole numbers from 2"),
+    "a model to compare": (
+        lambda rom, scene: pgmp.frequencies(scene, rom=3),
+        "rom: int received; allowed is a reduced",
+    ),
     "a study": (lambda rom, scene: pgmp.tradeoff(rom), "scene: Rom received; allowed is a scene"),
     "no number": (lambda rom, scene: pgmp.montecarlo(rom), "-n: missing; give the number of samples"),
     "a shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard="1/2"), "shard: str received; allowed is pgmp.Shard"),

@@ -150,7 +150,19 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
 
 
 #: Commands that call the Python interface, and nothing else that computes.
-THIN = ("build", "fit", "merge", "montecarlo", "optimize", "rare", "sensitivities", "simulate", "tradeoff", "calls")
+THIN = (
+    "build",
+    "fit",
+    "merge",
+    "modes",
+    "montecarlo",
+    "optimize",
+    "rare",
+    "sensitivities",
+    "simulate",
+    "tradeoff",
+    "calls",
+)
 
 
 @pytest.mark.parametrize("command", THIN)
