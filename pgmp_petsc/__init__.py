@@ -31,6 +31,7 @@ _NAMES = {
     "tradeoff": "api.tradeoffs",
     "frequencies": "api.modes",
     "fields": "api.fields",
+    "export_model": "api.exports",
     "write_report": "api.pages",
     "Result": "api.result",
     "Rom": "api.result",

@@ -18,6 +18,7 @@ from pgmp_petsc.api.result import Result
 from pgmp_petsc.cli.output_form import say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.claims import is_table
+from pgmp_petsc.runtime.petsc import petsc_runs
 from pgmp_petsc.runtime.remarks import Remark
 
 
@@ -50,7 +51,8 @@ class Call(logging.Handler):
         self._context, self._output, self.said = context, output, list[Remark]()
         self._changes = {"parameters": settings, "overrides": overrides} if settings or overrides else {}
         context.with_resource(self._heard())
-        petsc_is_seen_to()
+        if petsc_runs():
+            petsc_is_seen_to()
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -340,6 +340,13 @@ WRONG = {
     "a history": (lambda rom, scene: pgmp.fit(rom, 3), "measured: int received; allowed is the name of a CSV file"),
     "noise": (lambda rom, scene: pgmp.fit(rom, "a.csv", noise={"x": 0}), "noise of x = 0: allowed are positive"),
     "all noise": (lambda rom, scene: pgmp.fit(rom, "a.csv", noise=0.1), "noise: float received; allowed is a mapping"),
+    "an export": (lambda rom, scene: pgmp.export_model(rom, "a.txt"), "output 'a.txt': a reduced model is exported as"),
+    "no export": (
+        lambda rom, scene: pgmp.export_model(rom, 3),
+        "output: int received; allowed is the name of a folder",
+    ),
+    "no FMU": (lambda rom, scene: pgmp.export_model(rom, "a", fmi=3), "--fmi 3 is for FMUs, and 'a' is none"),
+    "a version": (lambda rom, scene: pgmp.export_model(rom, "a.fmu", fmi=4), "fmi = 4: allowed are 2 and 3"),
     "a goal": (lambda rom, scene: pgmp.optimize(rom, "minimise nothing"), "nothing"),
     "constraints": (
         lambda rom, scene: pgmp.optimize(rom, "minimise r1", subject_to="r1 < 1"),
