@@ -9,17 +9,19 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pgmp_petsc.api.ranks import ABOUT, LOGGER, REMARK, RESULT, SCENE, WAY, petsc_is_seen_to
-from pgmp_petsc.api.result import Result
 from pgmp_petsc.cli.output_form import say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.petsc import petsc_runs
 from pgmp_petsc.runtime.remarks import Remark
+
+if TYPE_CHECKING:
+    from pgmp_petsc.api.result import Result
 
 
 class Call(logging.Handler):

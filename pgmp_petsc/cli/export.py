@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
@@ -41,7 +40,9 @@ def export(
     """
     suffix = output.suffix.lower()
     if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(context.obj.comm, _is_rom, file)):
-        from pgmp_petsc.api.exports import export_model  # models take a noticeable time, and tables need none
+        # what models need takes a noticeable time, and tables need none of it
+        from pgmp_petsc.api.exports import export_model
+        from pgmp_petsc.cli.calls import Call
 
         Call(context, output)  # what is said of the model is printed
         export_model(file, output, fmi=fmi, parameters=settings, overrides=overrides, comm=context.obj.comm)
