@@ -1,16 +1,21 @@
-"""The ranks that a call runs on, and the start of MPI, PETSc and SLEPc where a program has not started them."""
+"""The ranks that a call runs on, and the start of MPI, PETSc and SLEPc where a program has not started them.
+
+PETSc starts together on the ranks of a call, and waits for no others: ranks of a program may go ways of their own, and
+some compute nothing. Where some of a call's ranks have it running and others have not, these start it by themselves;
+every object of PETSc here is on a communicator that is named.
+"""
 
 from __future__ import annotations
 
 import atexit
 import logging
-from functools import cache
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.installed import alone, is_communicator
-from pgmp_petsc.runtime.petsc import start_mpi, start_petsc
+from pgmp_petsc.runtime.installed import alone, has_petsc, is_communicator
+from pgmp_petsc.runtime.petsc import petsc_runs, start_mpi, start_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -18,7 +23,11 @@ if TYPE_CHECKING:
     from pgmp_petsc.runtime.remarks import Remark
 
 #: Gets what commands print on the way: what was chosen, and why (level INFO); remarks on results (level WARNING).
+#: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where one is told.
 LOGGER = logging.getLogger("pgmp_petsc")
+ABOUT, WAY, SCENE, RESULT, REMARK = "pgmp_about", "way", "scene", "result", "pgmp_remark"
+# of this process: whether a call, or who called, has seen to the start and to what is held at the end
+_seen_to: list[str] = []
 
 
 def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
@@ -38,30 +47,44 @@ def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
 
 
 def solving_ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
-    """Return the same, with PETSc and SLEPc started where they are installed.
-
-    The first such call of a program is collective on COMM_WORLD.
-    """
+    """Return the same, with PETSc and SLEPc started on them where they are installed. Collective on these ranks."""
     own = ranks_of(comm)
-    _start()
+    if has_petsc():
+        _start(own)
     return own
 
 
-@cache
-def _start() -> None:
-    """Start PETSc once; a program that did so itself has given its own options."""
-    start_petsc()
-    atexit.register(release_petsc, start_mpi())
+def petsc_is_seen_to() -> None:
+    """Leave the start of PETSc, and what it holds at the end, to who calls, such as the command line."""
+    _seen_to.append("by the caller")
+
+
+def _start(comm: MPI.Comm) -> None:
+    """Start PETSc where it does not run; a program that started it has given its own options. Collective on `comm`."""
+    own = petsc_runs(), bool(_seen_to)
+    states = {own} if comm.size == 1 else set(comm.allgather(own))
+    if _seen_to:
+        return
+    # at the end all ranks that began together let go together, and no other rank is waited for
+    where = alone()
+    if len(states) == 1 and comm.size > 1:
+        world = start_mpi()
+        # PETSc keeps it to the end of the program, and the caller's may be freed
+        where = world if comm.size == world.size else comm.Dup()
+    start_petsc((), where)
+    atexit.register(release_petsc, where)
+    _seen_to.append("by a call")
 
 
 def tell(comm: MPI.Comm, text: str) -> None:
     """Log what a command would print, on the first rank; not collective."""
     if comm.rank == 0 and text:
-        LOGGER.info(text)
+        LOGGER.info("%s", text, extra={ABOUT: WAY})
 
 
-def tell_remarks(comm: MPI.Comm, remarks: tuple[Remark, ...]) -> None:
-    """Log the remarks on a result on the first rank: warnings are seen unless a program says otherwise."""
+def tell_remarks(comm: MPI.Comm, remarks: Iterable[Remark], about: str = SCENE) -> None:
+    """Log remarks on a scene or a result on the first rank: warnings are seen unless a program says otherwise."""
     if comm.rank == 0:
         for remark in remarks:
-            LOGGER.log(logging.WARNING if remark.kind == "warning" else logging.INFO, "%s", remark)
+            level = logging.WARNING if remark.kind == "warning" else logging.INFO
+            LOGGER.log(level, "%s", remark, extra={ABOUT: about, REMARK: remark})

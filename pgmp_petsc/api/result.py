@@ -27,9 +27,10 @@ class Result:
     kind : str
         One of `runtime.claims.KINDS`.
     data
-        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in SI units.
+        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in SI units. None on a rank
+        that was not given it.
     comm : mpi4py.MPI.Comm
-        The ranks that hold it.
+        The ranks that made it.
     directory : Path
         Folder that paths of the scene are relative to.
     path : Path or None
@@ -41,6 +42,8 @@ class Result:
 
     def _own(self) -> Any:
         """Return what the attributes are of."""
+        if self.data is None:
+            raise AttributeError(f"this {self.kind} is on the first rank alone (on_all_ranks=False)")
         return self.data
 
     def __getattr__(self, name: str) -> Any:
@@ -53,6 +56,8 @@ class Result:
         return sorted({*super().__dir__(), *(name for name in dir(self._own()) if not name.startswith("_"))})
 
     def __repr__(self) -> str:
+        if self.data is None:
+            return f"<pgmp {self.kind} on the first rank alone>"
         from pgmp_petsc.results.summary import origin_of
 
         said = "".join(f"\n  {remark}" for remark in self.remarks)
@@ -120,7 +125,7 @@ class Rom(Result):
     """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
 
     def _own(self) -> Any:
-        return self.data.rom
+        return super()._own().rom
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp build --json``."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 Overrides = Mapping[str, object] | Sequence[str]
-Parameters = Mapping[str, float]
+Parameters = Mapping[str, float] | Sequence[str]
 
 
 def load(
@@ -39,7 +39,8 @@ def load(
         Entries to create or replace before the scene is validated: a mapping of dotted keys to values, or texts
         ``"dotted.key=VALUE"`` with a TOML value.
     parameters
-        Values of parameters in single runs, SI units; their nominal values stay.
+        Values of parameters in single runs, SI units, as a mapping or as texts ``"name=VALUE"``; their nominal values
+        stay.
 
     Raises
     ------
@@ -110,11 +111,14 @@ def settings_of(parameters: Parameters | None) -> tuple[str, ...]:
     """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
     if parameters is None:
         return ()
-    if not isinstance(parameters, Mapping):
+    if isinstance(parameters, Mapping):
+        return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
+    if not isinstance(parameters, (list, tuple)) or not all(isinstance(text, str) for text in parameters):
         raise InputError(
-            f"parameters = {parameters!r}: allowed is a mapping of names to numbers, such as {{'r1': 5e-3}}"
+            f"parameters = {parameters!r}: allowed are a mapping of names to numbers, such as {{'r1': 5e-3}}, or a "
+            "list of texts such as ['r1=5e-3']"
         )
-    return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
+    return tuple(parameters)
 
 
 def _number(value: object) -> str:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from pgmp_petsc.api.models import build as built
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
-from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.claims import claimed
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.building import build as build_model
-from pgmp_petsc.studies.inputs import read_scene
+
+if TYPE_CHECKING:
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.studies.building import Built
 
 
 @click.command()
@@ -46,20 +47,15 @@ def build(
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
     with any number of ranks. With a tolerance it is the runs that errors are measured against.
     """
-    comm = context.obj.comm
-    context.with_resource(claimed(comm, output, "rom", (scene,)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
-    say_remarks(context, loaded)
-    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
-    built = build_model(loaded, meshes, group, lambda text: say(context, text), output, resume)
-    save(context, built, output)
-    built.checkpoint.remove()
-    if built.rom is not None:
-        say(context, report(built.rom, output, loaded.remarks))
-    if built.selection is not None:
-        say(context, "\n".join(built.selection.lines(attempts=False)))
-    if built.rom is not None:
-        say_figures(context, {"file": output, **built.figures()})
+    call = Call(context, output, settings, overrides)
+    made = built(scene, ranks_per_angle=ranks_per_angle, resume=resume, **call.arguments)
+    call.say(made, all_of)
+
+
+def all_of(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Say what was built, what is doubtful about it, and what was chosen for tolerances."""
+    chosen = [] if made.selection is None else made.selection.lines(attempts=False)
+    return "\n".join([report(made.rom, path, said), *chosen])
 
 
 def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> str:

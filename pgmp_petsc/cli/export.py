@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import say, say_remarks, stopped_runs
+from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.runtime.errors import InputError
@@ -40,7 +40,12 @@ def export(
     """
     suffix = output.suffix.lower()
     if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(context.obj.comm, _is_rom, file)):
-        _export_model(context, file, output, fmi, settings, overrides)
+        # what models need takes a noticeable time, and tables need none of it
+        from pgmp_petsc.api.exports import export_model
+        from pgmp_petsc.cli.calls import Call
+
+        Call(context, output)  # what is said of the model is printed
+        export_model(file, output, fmi=fmi, parameters=settings, overrides=overrides, comm=context.obj.comm)
         return
     if fmi is not None:
         raise InputError(f"--fmi {fmi} is for FMUs of reduced models, and '{output}' is none; leave it out")
@@ -95,52 +100,3 @@ def _is_rom(file: Path) -> bool:
         return seal_of(file).kind == "rom"
     except (OSError, BrokenSeal):
         return False  # the reader of trajectories says what is wrong with it
-
-
-def _export_model(
-    context: click.Context,
-    file: Path,
-    output: Path,
-    fmi: int | None,
-    settings: tuple[str, ...],
-    overrides: tuple[str, ...],
-) -> None:
-    """Write a reduced model as C99 or as an FMU, and say what it does not have."""
-    from pgmp_petsc.code.constants import CORRECTIONS, constants_of, tunable
-    from pgmp_petsc.code.fmu import VERSIONS, write_fmu
-    from pgmp_petsc.code.refusal import check_scene
-    from pgmp_petsc.code.source import write_sources
-    from pgmp_petsc.models import ReducedModel
-    from pgmp_petsc.studies.inputs import read_rom
-
-    is_fmu = output.suffix.lower() == FMU
-    if output.suffix and not is_fmu:
-        raise InputError(
-            f"output '{output}': a reduced model is exported as a folder of C99, whose name has no ending (-o "
-            f"{output.with_suffix('')}/), or as an FMU (-o {output.with_suffix(FMU)})"
-        )
-    if fmi is not None and not is_fmu:
-        raise InputError(f"--fmi {fmi} is for FMUs, and '{output}' is none; name an FMU, -o NAME{FMU}, or leave it out")
-    version = fmi or VERSIONS[0]
-    scene, rom = read_rom(file, overrides, settings, context.obj.comm)
-
-    def write() -> str:
-        check_scene(scene, str(output))
-        constants = constants_of(ReducedModel(scene, rom), str(output))
-        if not is_fmu:
-            return f"{output}: C99, {write_sources(constants, output) / 1e6:.1f} MB"
-        target, what = write_fmu(constants, output, version), f"FMI {version}.0, co-simulation and model exchange"
-        if target:
-            return f"{output}: {what}, sources and a library for {target}"
-        why = "no C compiler (cc, gcc), or no x86-64 Linux"
-        return f"{output}: {what}, sources only: {why}; compile sources/ where it is to run"
-
-    say(context, on_root(context.obj.comm, write))
-    steps = f"steps of {scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"
-    say(context, f"  {steps}; tunable: {', '.join(tunable(scene)) or 'no parameters'}")
-    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in tunable(scene))
-    if fixed:
-        say(context, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
-    left_out = "elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
-    say(context, f"  note: {left_out}")
-    say_remarks(context, scene)

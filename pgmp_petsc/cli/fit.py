@@ -7,19 +7,16 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.api.designs import fit as fitted
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import fit_lines
 from pgmp_petsc.cli.options import scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import remark_lines, say
-from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option, stepped_model
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.sensitivities import draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.fit import Fit
-from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.fitting import fit as fitted
-from pgmp_petsc.studies.measured_history import read_history
 
 
 @click.command()
@@ -55,18 +52,12 @@ def fit(
 
     Exit status 1 if it does not converge.
     """
-    comm = context.obj.comm
-    if output is not None:
-        context.with_resource(claimed(comm, output, "fit", (source, measured)))
     deviations = _deviations(noise)
-    model = stepped_model(context, source, overrides, settings)
-    history = on_root(comm, read_history, measured, model.outputs, model.scene.simulation.duration)
-    found = fitted(model, history, parameters, deviations, comm)
-    keep(context, found, output, plot)
-    if found is not None:
-        say(context, report(found, output or measured, model.scene.remarks))
-        say_figures(context, {"file": output, **summary_of(found)})
-    if not comm.bcast(found is None or found.converged):
+    call = Call(context, output, settings, overrides)
+    found = fitted(source, measured, parameters, noise=deviations, **call.arguments)
+    draw(context, found, plot)
+    call.say(found, report, measured)
+    if not context.obj.comm.bcast(found.data is None or found.converged):
         raise RunError("the fit did not converge")
 
 

@@ -8,17 +8,13 @@ from pathlib import Path
 import click
 import numpy as np
 
+from pgmp_petsc.api.modes import frequencies
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
-from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.claims import claimed, form_of
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.inputs import read_rom, read_scene
-from pgmp_petsc.studies.modes_table import tabulate_modes
 
 SHOWN = 6
 NOTHING = 1e-6  # of a mode's highest frequency
@@ -49,17 +45,8 @@ def modes(
     overrides: tuple[str, ...],
 ) -> None:
     """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
-    comm = context.obj.comm
-    context.with_resource(claimed(comm, output, form_of(output, "modes"), (scene, rom)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.MODES)
-    say_remarks(context, loaded)
-    reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
-    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
-    table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
-    save(context, table, output)
-    if table is not None:
-        say(context, report(table, output, loaded.remarks))
-        say_figures(context, {"file": output, **summary_of(table)})
+    call = Call(context, output, settings, overrides)
+    call.say(frequencies(scene, rom=rom, angles=angles, ranks_per_angle=ranks_per_angle, **call.arguments), report)
 
 
 def report(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:

@@ -7,19 +7,17 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.api.designs import Robust
+from pgmp_petsc.api.designs import optimize as designed
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import design_lines
 from pgmp_petsc.cli.options import scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import remark_lines, say
-from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option, stepped_model
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.sensitivities import draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.design import Design
-from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.claims import claimed
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.goals import read_constraint, read_goal
-from pgmp_petsc.studies.optimization import Question, designed_parameters
-from pgmp_petsc.studies.optimization import optimize as designed
 
 
 @click.command()
@@ -69,27 +67,14 @@ def optimize(
 
     Exit status 1 if no design is found that meets all constraints.
     """
-    comm = context.obj.comm
-    if output is not None:
-        context.with_resource(claimed(comm, output, "design", (source,)))
-    model = stepped_model(context, source, overrides, settings)
-    known = (model.outputs.functions, model.scene.parameters)
-    if not model.outputs.functions:
-        raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")
-    question = Question(
-        read_goal(goal, *known),
-        tuple(read_constraint(text, *known) for text in constraints),
-        designed_parameters(model.scene, parameters),
-        deviations,
-        n_samples,
-        seed,
-    )
-    found = designed(model, question, comm)
-    keep(context, found if comm.rank == 0 else None, output, plot)
-    say(context, report(found, output or source, model.scene.remarks))
-    say_figures(context, {"file": output, **summary_of(found)} if comm.rank == 0 else {})
-    if not found.converged:
-        raise RunError(f"no design was found that meets all that was asked for: {_reason(found)}")
+    call = Call(context, output, settings, overrides)
+    robust = None if deviations is None else Robust(deviations, n_samples, seed)
+    found = designed(source, goal, parameters, subject_to=constraints, robust=robust, **call.arguments)
+    draw(context, found, plot)
+    call.say(found, report, source)
+    why = context.obj.comm.bcast("" if found.data is None or found.converged else _reason(found.data))
+    if why:
+        raise RunError(f"no design was found that meets all that was asked for: {why}")
 
 
 def _reason(found: Design) -> str:

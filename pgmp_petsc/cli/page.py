@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import files_argument
-from pgmp_petsc.cli.report import say, stopped_runs
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.cli.report import say_of_files
 
 
 @click.command()
@@ -34,7 +33,4 @@ def report(context: click.Context, files: tuple[Path, ...], output: Path) -> Non
     """
     from pgmp_petsc.report.page import write_report
 
-    for line in on_root(context.obj.comm, write_report, files, output):
-        say(context, line)
-    for line in on_root(context.obj.comm, stopped_runs, *files):
-        say(context, line)
+    say_of_files(context, files, write_report, output)

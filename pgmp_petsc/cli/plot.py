@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import files_argument
-from pgmp_petsc.cli.report import say, stopped_runs
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.cli.report import say_of_files
 
 
 @click.command()
@@ -52,7 +51,4 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
     """
     from pgmp_petsc.figures.collection import draw
 
-    for line in on_root(context.obj.comm, draw, files, output, exaggerate, at):
-        say(context, line)
-    for line in on_root(context.obj.comm, stopped_runs, *files):
-        say(context, line)
+    say_of_files(context, files, draw, output, exaggerate, at)

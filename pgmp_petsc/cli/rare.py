@@ -1,25 +1,19 @@
-"""``pgmp montecarlo --rare``: which event is meant, and what is said of its probability."""
+"""``pgmp montecarlo --rare``: which options it has, and what is said of the probability."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 import numpy as np
 
-from pgmp_petsc.cli.output_form import say_figures
-from pgmp_petsc.cli.report import remark_lines, save, say
-from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from pgmp_petsc.models import Model
     from pgmp_petsc.results.rare_event import RareEvent
-    from pgmp_petsc.scene import Scene
-    from pgmp_petsc.scene.ensemble import Event
+    from pgmp_petsc.runtime.remarks import Remark
 
 WHY_ALONE = {
     "sampler": "samples follow from those before them",
@@ -32,7 +26,6 @@ WHY_ALONE = {
     "budget": "it takes the samples that it is given",
     "retry_failed": "it has no samples to be tried again",
 }
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 
 def alone(**options: object) -> None:
@@ -44,51 +37,12 @@ def alone(**options: object) -> None:
             raise InputError(f"{shown} with --rare: {WHY_ALONE[name]}; leave it out")
 
 
-def event_of(text: str, scene: Scene) -> Event:
-    """Return the event that is meant.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    from pgmp_petsc.scene.ensemble import Event
-
-    labels = scene.ensemble.probabilities
-    if text.strip() in labels:
-        return labels[text.strip()]
-    found = re.fullmatch(rf"\s*(ever\s+)?([A-Za-z_][\w-]*)\s*([<>])\s*({NUMBER})\s*", text)
-    if found is None:
-        known = f"; labels are {', '.join(labels)}" if labels else ""
-        raise InputError(
-            f'--rare "{shortened(text)}": allowed are an output, < or >, and a number, such as "slider_deformation < '
-            '-2e-4", with "ever" before it for any time in the run, or the label of one of ensemble.probabilities'
-            f"{known}"
-        )
-    ever, output, side, level = found.groups()
-    if output not in scene.outputs:
-        raise InputError(
-            f'--rare "{shortened(text)}": there is no output {output}{nearest_name(output, scene.outputs)}'
-        )
-    if not np.isfinite(float(level)):
-        raise InputError(f'--rare "{shortened(text)}": {level} is no finite number')
-    return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": float(level)})
-
-
-def run_rare(context: click.Context, model: Model, text: str, n_samples: int, seed: int, output: Path) -> int:
-    """Find the probability of an event, write and report it; return the exit status. Collective on all ranks."""
-    from pgmp_petsc.ensemble.rare_run import run_rare_event
-
-    comm, said = context.obj.comm, model.scene.remarks
-    result = run_rare_event(model, event_of(text, model.scene), n_samples, seed, comm)
-    save(context, result, output)
-    if result is not None:
-        lines = [f"{output}: {result.model} model, {len(result.value)} samples", *lines_of(result)]
-        lines += remark_lines(result.record, said)
-        lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in result.record.timings.items()]
-        say(context, "\n".join(lines))
-        say_figures(context, {"file": output, **summary_of(result)})
-    return int(comm.bcast(None if result is None else not result.reached or result.n_failed > 0))
+def report(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the probability of a rare event, how it was found, and all remarks but those that were said before."""
+    lines = [f"{path}: {result.model} model, {len(result.value)} samples", *lines_of(result)]
+    lines += remark_lines(result.record, said)
+    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in result.record.timings.items()]
+    return "\n".join(lines)
 
 
 def lines_of(result: RareEvent) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
@@ -56,6 +56,17 @@ def stopped_runs(*paths: Path) -> list[str]:
             if file.attrs.get("status", 0):
                 lines += [f"{path}: {remark}" for remark in RunRecord.read(file).remarks[:1]]
     return lines
+
+
+def say_of_files(
+    context: click.Context, files: Sequence[Path], write: Callable[..., Sequence[str]], *args: Any
+) -> None:
+    """Call ``write(files, *args)`` on one rank; print what it says, and of which files only a part could be shown.
+
+    Collective on all ranks.
+    """
+    for line in (*on_root(context.obj.comm, write, files, *args), *on_root(context.obj.comm, stopped_runs, *files)):
+        say(context, line)
 
 
 def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
+from pgmp_petsc.api.result import Result
+from pgmp_petsc.api.runs import sensitivities as differentiated
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import report
-from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import Command, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import save, say
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.summary import summary_of
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed, form_of
-from pgmp_petsc.studies.prepared import settled
-from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 
 
 def parameter_option(what: str) -> Callable[[Command], Command]:
@@ -59,37 +56,19 @@ def sensitivities(
     Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
     one run. Told are the effects of one standard deviation of each parameter, the largest first.
     """
-    comm = context.obj.comm
-    if output is not None:
-        context.with_resource(claimed(comm, output, form_of(output, "sensitivities"), (source,)))
-    model = stepped_model(context, source, overrides, settings)
-    found = differentiated(model, parameters, comm)
-    keep(context, found, output, plot)
-    if found is not None:
-        say(context, report(found, output or source, model.scene.remarks))
-        say_figures(context, {"file": output, **summary_of(found)})
+    call = Call(context, output, settings, overrides)
+    found = differentiated(source, parameters, **call.arguments)
+    draw(context, found, plot)
+    call.say(found, report, source)
 
 
-def stepped_model(
-    context: click.Context, source: Path, overrides: Sequence[str], settings: Sequence[str]
-) -> ReducedModel:
-    """Return the reduced model of a file, with the step that its tolerance asks for. Collective on the ranks."""
-    model = read_model(context, source, overrides, settings, False, False)
-    model, remark = settled(model, context.obj.comm)
-    if remark:
-        say(context, remark)
-    return model
-
-
-def keep(context: click.Context, result: object, output: Path | None, plot: Path | None) -> None:
-    """Write a result that rank 0 holds, and draw it, where that is asked for. Collective on all ranks."""
-    if output is not None:
-        save(context, result, output)
+def draw(context: click.Context, result: Result, plot: Path | None) -> None:
+    """Draw a result that the first rank has, where that is asked for. Collective on all ranks."""
     if plot is not None:
 
         def drawing() -> str:
             from pgmp_petsc.figures.collection import draw_result  # matplotlib takes a noticeable time
 
-            return draw_result(result, plot)
+            return draw_result(result.data, plot)
 
         say(context, on_root(context.obj.comm, drawing))

@@ -7,18 +7,16 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.api.result import StoppedRun
+from pgmp_petsc.api.runs import simulate as simulated
 from pgmp_petsc.cli import estimates
-from pgmp_petsc.cli.models import model_options, one_model, read_model
+from pgmp_petsc.cli.calls import Call
+from pgmp_petsc.cli.models import model_of, model_options, one_model
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import remark_lines, save, say
-from pgmp_petsc.results.summary import summary_of
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.claims import claimed, form_of
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.prepared import settled
-from pgmp_petsc.studies.simulate import simulate as simulated
 
 
 @click.command()
@@ -41,20 +39,14 @@ def simulate(
 
     Exit status 1 if the run stops before its end; FILE then holds what was computed.
     """
-    comm = context.obj.comm
     one_model(full, components)
-    context.with_resource(claimed(comm, output, form_of(output, "trajectory"), (source,)))
-    model = read_model(context, source, overrides, settings, full, components)
-    loaded = model.scene
-    model, remark = settled(model, comm)
-    trajectory = simulated(model, comm)
-    save(context, trajectory, output)
-    if trajectory is not None:
-        say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))
-        say_figures(context, {"file": output, **summary_of(trajectory)})
-    stopped = comm.bcast("" if trajectory is None else trajectory.why_stopped)
-    if stopped:
-        raise RunError(f"{stopped}; {output} holds the run up to there")
+    call = Call(context, output, settings, overrides)
+    try:
+        run = simulated(source, model=model_of(full, components), **call.arguments)
+    except StoppedRun as stopped:
+        call.say(stopped.result, report)
+        raise
+    call.say(run, report)
 
 
 def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:

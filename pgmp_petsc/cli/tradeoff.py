@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from pgmp_petsc.api.tradeoffs import tradeoff as measured
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import save, say, say_remarks
+from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.tradeoff_table import summary
-from pgmp_petsc.experiments.finished import Finished
-from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.runtime.claims import claimed, form_of
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.tradeoff import measure_tradeoff
-from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
+from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
@@ -58,30 +54,16 @@ def tradeoff(
     Finished settings are kept in FILE.partial until the file is written; --resume takes them up, with any number of
     ranks.
     """
-    comm = context.obj.comm
-    context.with_resource(claimed(comm, output, form_of(output, "tradeoff"), (scene,)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.TRADEOFF)
-    finished = Finished(output, {"command": "tradeoff", "quick": quick}, loaded, meshes, comm, resume)
-    try:
-        sweep = QUICK if quick else FULL
-        study = measure_tradeoff(
-            loaded, meshes, sweep, n_samples, quick, comm, finished, lambda text: say(context, text)
-        )
-    except InputError:
-        finished.forget()
-        raise
-    save(context, study, output)
-    finished.remove()
-    if study is not None:
-        say(context, report(study, output))
-        say_figures(context, {"file": output, **summary_of(study)})
-        say_remarks(context, loaded)
+    call = Call(context, output, settings, overrides)
+    found = measured(scene, quick=quick, n=n_samples, resume=resume, **call.arguments)
+    call.say(found, report)
 
 
-def report(study: Tradeoff, path: Path) -> str:
-    """Return what was measured, and the advice."""
+def report(study: Tradeoff, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what was measured, the advice, and all remarks but those that were said before."""
     n_values = len(next(iter(study.test_values.values()), (0,)))
     where = f"{n_values} values of {', '.join(study.test_values)}" if study.test_values else "the scene's values"
     lines = [f"{path}: {len(study.families)} settings, errors at {where}, {study.record.ranks} rank(s)", summary(study)]
+    lines += remark_lines(study.record, said)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in study.record.timings.items()]
     return "\n".join(lines)

@@ -6,6 +6,7 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -23,13 +24,13 @@ from pgmp_petsc.models import FullModel, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 
 if TYPE_CHECKING:
@@ -38,7 +39,37 @@ if TYPE_CHECKING:
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
 FEW = 50.0  # effective samples below which an interval is not to be trusted: in 20 variables it held in 76 to 89 %
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
+
+
+def event_of(text: str, scene: Scene) -> Event:
+    """Return the event that is meant.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    labels = scene.ensemble.probabilities
+    if text.strip() in labels:
+        return labels[text.strip()]
+    found = re.fullmatch(rf"\s*(ever\s+)?([A-Za-z_][\w-]*)\s*([<>])\s*({NUMBER})\s*", text)
+    if found is None:
+        known = f"; labels are {', '.join(labels)}" if labels else ""
+        raise InputError(
+            f'--rare "{shortened(text)}": allowed are an output, < or >, and a number, such as "slider_deformation < '
+            '-2e-4", with "ever" before it for any time in the run, or the label of one of ensemble.probabilities'
+            f"{known}"
+        )
+    ever, output, side, level = found.groups()
+    if output not in scene.outputs:
+        raise InputError(
+            f'--rare "{shortened(text)}": there is no output {output}{nearest_name(output, scene.outputs)}'
+        )
+    if not np.isfinite(float(level)):
+        raise InputError(f'--rare "{shortened(text)}": {level} is no finite number')
+    return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": float(level)})
 
 
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: MPI.Comm) -> RareEvent | None:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from pgmp_petsc.figures.style import scene_of
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+
+from pgmp_petsc.figures.style import heading, scene_of, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.files import RunRecord
 
@@ -35,6 +38,11 @@ def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]
         if ended_early(run)
     ]
     return [*early, *of_records([run.record for run in runs], labels)]
+
+
+def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> None:
+    """Put what a picture of one result shows above it, the warnings that come with the result, and rows of keys."""
+    top_legend(figure, keys, heading(what, record, label), of_records([record]))
 
 
 def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list[str]:

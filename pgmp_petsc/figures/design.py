@@ -13,12 +13,10 @@ from pgmp_petsc.figures.style import (
     REDUCED_COLOUR,
     axis_label,
     axis_unit,
-    heading,
     new_figure,
     quantity,
     span,
     styled,
-    top_legend,
 )
 from pgmp_petsc.results import Design
 
@@ -47,6 +45,5 @@ def design(found: Design, label: str = "") -> Figure:
         Line2D([], [], color=QUIET, linestyle=":", label=f"at the start, {begun}"),
         Line2D([], [], color=REDUCED_COLOUR, label=f"design, {ended}"),
     ]
-    what = heading(f"Design, {found.goal}", found.record, label)
-    top_legend(figure, keys, what, cautions.of_records([found.record]))
+    cautions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
     return figure

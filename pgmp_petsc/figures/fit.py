@@ -13,11 +13,9 @@ from pgmp_petsc.figures.style import (
     REDUCED_COLOUR,
     axis_label,
     axis_unit,
-    heading,
     new_figure,
     span,
     styled,
-    top_legend,
 )
 from pgmp_petsc.results import Fit
 from pgmp_petsc.results.fit import FittedParameter
@@ -53,7 +51,7 @@ def fit(found: Fit, label: str = "") -> Figure:
         Line2D([], [], color=REDUCED_COLOUR, label=f"fitted, {values}"),
         Line2D([], [], color=QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
     ]
-    top_legend(figure, keys, heading("Fit", found.record, label), cautions.of_records([found.record]))
+    cautions.headed(figure, keys, "Fit", found.record, label)
     return figure
 
 

@@ -11,12 +11,10 @@ from pgmp_petsc.figures.style import (
     axis_label,
     axis_unit,
     distinct_colours,
-    heading,
     new_figure,
     quantity,
     span,
     styled,
-    top_legend,
 )
 from pgmp_petsc.results import Derivatives
 
@@ -44,6 +42,5 @@ def sensitivities(found: Derivatives, label: str = "") -> Figure:
     for (name, (change, what)), colour in zip(found.changes.items(), colours):
         text = quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
         keys.append(Line2D([], [], color=colour, label=f"{text}, {what}"))
-    notes = cautions.of_records([found.record])
-    top_legend(figure, keys, heading("Sensitivities, to first order", found.record, label), notes)
+    cautions.headed(figure, keys, "Sensitivities, to first order", found.record, label)
     return figure

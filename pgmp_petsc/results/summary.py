@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.results.corrected import Joined
     from pgmp_petsc.results.ensemble import Ensemble
     from pgmp_petsc.results.modes import ModesTable
+    from pgmp_petsc.results.shard import ShardSamples
     from pgmp_petsc.results.statistics import Statistics
     from pgmp_petsc.results.stopping import Stopping
     from pgmp_petsc.results.tradeoff import Tradeoff
@@ -64,7 +65,13 @@ def summary_of(result: object) -> dict[str, Any]:
         kind, left_out = WHOLE[name]
         own = {item.name: getattr(result, item.name) for item in fields(result) if item.name not in left_out}
         return {**own, "kind": kind, **origin_of(own.pop("record"))}
-    summaries = {"Trajectory": _run, "Ensemble": _ensemble, "Tradeoff": _study, "ModesTable": _modes}
+    summaries = {
+        "Trajectory": _run,
+        "Ensemble": _ensemble,
+        "Tradeoff": _study,
+        "ModesTable": _modes,
+        "ShardSamples": _shard,
+    }
     if name not in summaries:
         raise TypeError(f"no figures of {name}")
     return {**summaries[name](result), **origin_of(result.record)}
@@ -84,6 +91,12 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
         "remarks": [asdict(remark) for remark in record.remarks],
         "timings": record.timings,
     }
+
+
+def _shard(shard: ShardSamples) -> dict[str, Any]:
+    place = shard.place
+    ends = {"first": place.first, "last": place.first + len(shard.status) - 1, "of": place.n_samples}
+    return {"kind": "shard", "model": shard.model, "shard": f"{place.number}/{place.count}", **ends}
 
 
 def _run(run: Trajectory) -> dict[str, Any]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def release_petsc(comm: MPI.Comm) -> None:
-    """Let go of what PETSc still holds, while Python lives. Collective on `comm`, all ranks of the process.
+    """Let go of what PETSc still holds on `comm` and on this rank, while Python lives. Collective on `comm`.
 
     A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is
     destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
@@ -26,7 +26,8 @@ def release_petsc(comm: MPI.Comm) -> None:
         from petsc4py import PETSc
 
         gc.collect()
-        PETSc.garbage_cleanup()
+        for where in (comm, PETSc.COMM_SELF):
+            PETSc.garbage_cleanup(where)
 
 
 def guarded(work: Callable[[], None]) -> int:

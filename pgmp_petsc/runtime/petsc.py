@@ -68,8 +68,21 @@ def start_mpi() -> MPI.Comm:
     return MPI.COMM_WORLD
 
 
-def start_petsc(arguments: Sequence[str] = ()) -> None:
-    """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on COMM_WORLD.
+def petsc_runs() -> bool:
+    """Return whether PETSc runs in this process, whoever started it."""
+    started = getattr(sys.modules.get("petsc4py.PETSc"), "Sys", None)
+    return started is not None and started.isInitialized()
+
+
+def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> None:
+    """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on `comm`.
+
+    Parameters
+    ----------
+    arguments
+        Options; PETSc that runs already has had its own.
+    comm
+        What PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends.
 
     Raises
     ------
@@ -90,7 +103,7 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
     try:
         with _held_back_stderr() as printed:
             try:
-                petsc4py.init(words)
+                petsc4py.init(words, comm=comm)
             except RuntimeError:
                 said = printed()
                 raise

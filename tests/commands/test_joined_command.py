@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +13,8 @@ import pytest
 from mpi4py import MPI
 from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
 
+from pgmp_petsc.api.better import Correction, better_models, in_order
 from pgmp_petsc.cli import montecarlo
-from pgmp_petsc.cli.better import better_models, read_wanted
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
@@ -65,8 +65,11 @@ def rom(folder: Path, scene: Scene) -> Path:
 
 def better(model: ReducedModel, *texts: str, n: int | None = N) -> list[Better]:
     """Return the models that the command would make."""
-    wanted = read_wanted(texts, "reduced", n)
-    return better_models(wanted, model, Path("rom.h5"), ((), ()), MPI.COMM_SELF)
+    return better_models(wanted(texts, "reduced", n), model, "rom.h5", MPI.COMM_SELF)
+
+
+def wanted(texts: Sequence[str], own: str, n: int | None) -> list[Correction]:
+    return in_order([Correction.read(text) for text in texts], own, n)
 
 
 def ran(model: ReducedModel, plan: Plan, **options: object) -> Ensemble:
@@ -225,18 +228,18 @@ BAD = [
 @pytest.mark.parametrize(("text", "said"), BAD)
 def test_what_is_no_better_model_is_refused(text: str, said: str) -> None:
     with pytest.raises(InputError) as error:
-        read_wanted([text], "reduced", N)
+        wanted([text], "reduced", N)
     assert f"--correct {text}: " in str(error.value) or text == "full=301"
     assert said in str(error.value)
 
 
 def test_models_in_a_row_are_refused_where_that_makes_no_sense() -> None:
     with pytest.raises(InputError, match="full is there twice"):
-        read_wanted(["full=20", "full=30"], "reduced", N)
+        wanted(["full=20", "full=30"], "reduced", N)
     with pytest.raises(InputError, match="50 samples of full and 20 of components"):
-        read_wanted(["components=20", "full=50"], "reduced", N)
+        wanted(["components=20", "full=50"], "reduced", N)
     with pytest.raises(InputError, match="reduced/2 is no better than the ensemble's own model, components"):
-        read_wanted(["reduced/2=20"], "components", N)
+        wanted(["reduced/2=20"], "components", N)
 
 
 REFUSED = [

@@ -59,6 +59,64 @@ def test_files_are_those_of_the_commands(
     assert_same(pgmp.read(commands / f"{kind}.h5").write(tmp_path / "again.h5"), written)
 
 
+def test_shards_join_to_the_whole(commands: Path, tmp_path: Path) -> None:
+    """From the model's file, as the commands have it; what the first rank alone has is written all the same."""
+    paths = [tmp_path / f"part{k}.h5" for k in (1, 2)]
+    for k, path in enumerate(paths, 1):
+        part = pgmp.montecarlo(commands / "rom.h5", 12, 7, shard=pgmp.Shard(k, 2), output=path, on_all_ranks=False)
+        assert part.kind == "shard" and part.summary()["shard"] == f"{k}/2" and len(part.status) == 6
+    whole = pgmp.merge(paths, output=tmp_path / "whole.h5")
+    assert whole.path == tmp_path / "whole.h5" and isinstance(whole.outputs, dict)
+    assert_same(whole.path, commands / "ensemble.h5")
+
+
+def test_an_ensemble_ends_where_its_rule_is_met(rom: pgmp.Rom) -> None:
+    stopping = pgmp.Stopping(["std(crank_angle) < 30 %"])
+    found = pgmp.montecarlo(rom, 1000, 7, stopping=stopping, overrides={"ensemble.checked_share": 0.0})
+    assert len(found.status) < 1000 and found.stopping.is_met
+
+
+def test_better_models_correct_an_ensemble(rom: pgmp.Rom) -> None:
+    finer = pgmp.Correction("reduced", 20, divisor=2)
+    found = pgmp.montecarlo(rom, 40, 7, correct=[finer], overrides={"ensemble.checked_share": 0.0})
+    assert found.joined.models == ("reduced/2", "reduced") and finer.text == "reduced/2=20"
+    assert pgmp.Correction.read("reduced/2=20") == finer and pgmp.Correction.read("full=auto").n is None
+
+
+def test_failed_samples_are_tried_again(rom: pgmp.Rom, tmp_path: Path) -> None:
+    with pytest.raises(pgmp.InputError, match="all of its 3 samples are fine; nothing is left to do"):
+        pgmp.retry_failed(rom, pgmp.montecarlo(rom, 3).write(tmp_path / "fine.h5"))
+
+
+def test_designs_and_fits(rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path) -> None:
+    """The parameter that a run was made with is found from it; a goal that is one of its ends, at that end."""
+    table, angle = tmp_path / "measured.csv", run.outputs["crank_angle"]
+    table.write_text(
+        "time,crank_angle\n" + "".join(f"{t!r},{x!r}\n" for t, x in zip(run.time.tolist(), angle.tolist()))
+    )
+    fitted = pgmp.fit(rom, table, ["r1"], noise={"crank_angle": 1e-6}, output=tmp_path / "fit.h5")
+    assert fitted.converged and fitted.parameters[0].estimate == pytest.approx(5e-3, rel=1e-4)
+    assert pgmp.read(tmp_path / "fit.h5").parameters[0].estimate == fitted.parameters[0].estimate
+    found = pgmp.optimize(rom, "minimise r1", ["r1"], subject_to=["r1 >= 5.2e-3"])
+    assert found.converged and found.parameters[0].value == pytest.approx(5.2e-3, rel=1e-6)
+
+
+def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:
+    absent = pgmp.Result("trajectory", None, MPI.COMM_SELF, Path())
+    assert repr(absent) == "<pgmp trajectory on the first rank alone>"
+    with pytest.raises(AttributeError, match="this trajectory is on the first rank alone"):
+        _ = absent.time
+
+
+@pytest.mark.parametrize("others", ["later", "never"])
+def test_a_rank_that_runs_alone_waits_for_nobody(
+    others: str, commands: Path, mpirun: Callable, parallel_scripts: Path
+) -> None:
+    """PETSc starts on the ranks of a call; the other rank calls the interface later, or never, and the program ends."""
+    done = mpirun(2, parallel_scripts / "interface_apart.py", commands / "rom.h5", others)
+    assert done.stdout.splitlines()[-1] == ("same" if others == "later" else "alone")
+
+
 def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "samples.h5"
     with monkeypatch.context() as broken:
@@ -214,12 +272,15 @@ def test_a_tolerance_for_the_step_chooses_one(rom: pgmp.Rom, caplog: pytest.LogC
 
 
 WRONG = {
-    "a source": (lambda rom, scene: pgmp.simulate("rom.h5"), "source: str received; allowed is a reduced model"),
+    "a source": (lambda rom, scene: pgmp.simulate(3), "source: int received; allowed is a reduced model"),
     "no model": (lambda rom, scene: pgmp.simulate(scene), "model = None: of a scene there are 'full' and 'components'"),
     "a model": (lambda rom, scene: pgmp.simulate(rom, model="full"), "model = 'full': a reduced model is given"),
     "a parameter": (lambda rom, scene: pgmp.simulate(rom, {"r7": 1}), "--set r7=1.0: the scene has no parameter 'r7'"),
     "a value": (lambda rom, scene: pgmp.simulate(rom, {"r1": "x"}), "--set r1=x: 'x' is not a finite number"),
-    "parameters": (lambda rom, scene: pgmp.simulate(rom, ["r1"]), r"parameters = \['r1'\]: allowed is a mapping"),
+    "parameters": (lambda rom, scene: pgmp.simulate(rom, "r1=1"), "parameters = 'r1=1': allowed are a mapping"),
+    "a text": (lambda rom, scene: pgmp.simulate(rom, ["r1"]), "--set r1: "),
+    "a model of a file": (lambda rom, scene: pgmp.simulate("a", model="half"), "model = 'half': allowed are 'reduced'"),
+    "no such file": (lambda rom, scene: pgmp.simulate("nowhere.h5"), "nowhere.h5"),
     "an override": (lambda rom, scene: pgmp.simulate(rom, overrides="a=1"), "overrides = 'a=1': allowed are a mapping"),
     "what tables are of": (
         lambda rom, scene: pgmp.simulate(rom, overrides={"reduction.modes": 5}),
@@ -237,10 +298,72 @@ WRONG = {
     "no rom": (lambda rom, scene: pgmp.sensitivities(scene), "rom: Scene received; allowed is a reduced model"),
     "a name": (lambda rom, scene: pgmp.sensitivities(rom, "r1"), "names = 'r1': allowed is a list"),
     "names": (lambda rom, scene: pgmp.sensitivities(rom, ["r7"]), "--parameter r7: there is no such parameter"),
-    "a scene": (lambda rom, scene: pgmp.build("scene.toml"), "scene: str received; allowed is a scene"),
+    "a scene": (lambda rom, scene: pgmp.build(3), "scene: int received; allowed is a scene"),
+    "no build": (lambda rom, scene: pgmp.build(scene, resume=True), "resume: without output nothing is kept"),
+    "no study": (lambda rom, scene: pgmp.tradeoff(scene, resume=True), "resume: without output nothing is kept"),
+    "angles": (lambda rom, scene: pgmp.frequencies(scene, angles=1), "angles = 1: allowed are whole numbers from 2"),
+    "a model to compare": (
+        lambda rom, scene: pgmp.frequencies(scene, rom=3),
+        "rom: int received; allowed is a reduced",
+    ),
+    "a study": (lambda rom, scene: pgmp.tradeoff(rom), "scene: Rom received; allowed is a scene"),
+    "no number": (lambda rom, scene: pgmp.montecarlo(rom), "-n: missing; give the number of samples"),
+    "a shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard="1/2"), "shard: str received; allowed is pgmp.Shard"),
+    "no such shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard=pgmp.Shard(3, 2)), "--shard 3/2: allowed are"),
+    "a rule": (
+        lambda rom, scene: pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping("std(x) < 1 %")),
+        "until = 'std.x. < 1 %': allowed is a list of rules",
+    ),
+    "a budget": (
+        lambda rom, scene: pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping(budget=-1)),
+        "budget = -1: allowed is a time in seconds",
+    ),
+    "stopping": (lambda rom, scene: pgmp.montecarlo(rom, 2, stopping=60), "stopping: int received; allowed is pgmp.St"),
+    "correct": (lambda rom, scene: pgmp.montecarlo(rom, 20, correct=["full=9"]), "correct: list received; allowed is"),
+    "a correction": (
+        lambda rom, scene: pgmp.montecarlo(rom, 20, correct=[pgmp.Correction("full", 9.5)]),
+        "--correct full=9.5: allowed are",
+    ),
+    "ranks a sample": (
+        lambda rom, scene: pgmp.montecarlo(rom, 2, ranks_per_sample=2),
+        "--ranks-per-sample = 2: samples of a reduced model are small",
+    ),
+    "a shard with rules": (
+        lambda rom, scene: pgmp.montecarlo(rom, 9, shard=pgmp.Shard(1, 2), stopping=pgmp.Stopping(budget=9.0)),
+        "--shard 1/2: --budget goes by all samples",
+    ),
+    "a table": (lambda rom, scene: pgmp.montecarlo(rom, samples="none.csv"), "--samples none.csv: there is no such"),
+    "failed": (lambda rom, scene: pgmp.retry_failed(rom, rom), "failed: Rom received; allowed is the file of an"),
+    "an event": (lambda rom, scene: pgmp.rare_event(rom, 3, 500), "event: int received; allowed is a text"),
+    "no event": (lambda rom, scene: pgmp.rare_event(rom, "x < 1", 500), '--rare "x < 1": there is no output x'),
+    "shards": (lambda rom, scene: pgmp.merge([]), "files: list received; allowed is a list of names of shards"),
+    "a history": (lambda rom, scene: pgmp.fit(rom, 3), "measured: int received; allowed is the name of a CSV file"),
+    "noise": (lambda rom, scene: pgmp.fit(rom, "a.csv", noise={"x": 0}), "noise of x = 0: allowed are positive"),
+    "all noise": (lambda rom, scene: pgmp.fit(rom, "a.csv", noise=0.1), "noise: float received; allowed is a mapping"),
+    "an export": (lambda rom, scene: pgmp.export_model(rom, "a.txt"), "output 'a.txt': a reduced model is exported as"),
+    "no export": (
+        lambda rom, scene: pgmp.export_model(rom, 3),
+        "output: int received; allowed is the name of a folder",
+    ),
+    "no FMU": (lambda rom, scene: pgmp.export_model(rom, "a", fmi=3), "--fmi 3 is for FMUs, and 'a' is none"),
+    "a version": (lambda rom, scene: pgmp.export_model(rom, "a.fmu", fmi=4), "fmi = 4: allowed are 2 and 3"),
+    "a goal": (lambda rom, scene: pgmp.optimize(rom, "minimise nothing"), "nothing"),
+    "constraints": (
+        lambda rom, scene: pgmp.optimize(rom, "minimise r1", subject_to="r1 < 1"),
+        "subject_to = 'r1 < 1': allowed is a list",
+    ),
+    "robust": (lambda rom, scene: pgmp.optimize(rom, "minimise r1", robust=3), "robust: int received; allowed is pg"),
+    "deviations": (
+        lambda rom, scene: pgmp.optimize(rom, "minimise r1", robust=pgmp.Robust(-1)),
+        "robust.deviations = -1: allowed are numbers from 0",
+    ),
+    "one sample": (
+        lambda rom, scene: pgmp.optimize(rom, "minimise r1", robust=pgmp.Robust(1, 1)),
+        "robust.n = 1: allowed are whole numbers from 2",
+    ),
     "ranks an angle": (
         lambda rom, scene: pgmp.build(scene, ranks_per_angle=2),
-        "ranks_per_angle = 2: allowed are 1 to 1",
+        "--ranks-per-angle = 2: allowed are 1 to 1",
     ),
     "a file": (lambda rom, scene: pgmp.read("nowhere.h5"), "nowhere.h5"),
     "tables": (lambda rom, scene: pgmp.compose([1]), "the scene: list received; allowed is a mapping of tables"),

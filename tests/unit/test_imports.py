@@ -149,6 +149,26 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
                 assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
 
 
+#: What commands are made of: the Python interface computes, results are printed, and figures are drawn of results.
+OF_COMMANDS = {"api", "cli", "results", "runtime", "figures", "report"}
+#: Modules of commands that use more, and what: these have no function in the interface.
+MORE = {
+    "animate": {"models", "studies"},
+    "check": {"bodies", "components", "mechanism", "scene", "studies"},
+    "export": {"export"},
+    "new": {"scene"},
+    "run": {"bodies", "experiments", "mechanism", "models", "scene", "studies"},
+    "schema": {"scene"},
+}
+
+
+@pytest.mark.parametrize("path", files("cli"), ids=lambda path: path.stem)
+def test_commands_call_the_interface_and_nothing_else(path: Path) -> None:
+    modules = imports_of(path, for_types=False)
+    ours = {name.split(".")[1] for name in modules if name.startswith("pgmp_petsc.")}
+    assert ours - OF_COMMANDS == MORE.get(path.stem, set())
+
+
 @pytest.mark.parametrize("command", ["simulate", "montecarlo"])
 def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) -> None:
     """A reduced model stands alone: no eigensolver, no reader of meshes."""

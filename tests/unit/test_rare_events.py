@@ -8,9 +8,10 @@ from scenes import slider_crank
 from scipy.integrate import quad, trapezoid
 from scipy.stats import binom, chi2, norm
 
-from pgmp_petsc.cli.rare import alone, event_of
+from pgmp_petsc.cli.rare import alone
 from pgmp_petsc.ensemble.importance import KernelDensity, Mixture, chosen_density, log_normal
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
+from pgmp_petsc.ensemble.rare_run import event_of
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3

@@ -1,20 +1,22 @@
-"""``--correct``: better models of an ensemble's scene, and how many samples of each."""
+"""Better models of an ensemble's scene, and how many samples of each (``pgmp montecarlo --correct``)."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.outputs.stress import check_stresses
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.inputs import read_scene, with_meshes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -32,24 +34,34 @@ OF_MESHES = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A better model that is asked for.
+class Correction:
+    """A better model, which runs the first samples of an ensemble too.
 
     Attributes
     ----------
-    text
-        As it was typed.
-    model, divisor, count
-        Name of the model, by what its step is divided, number of samples (None: to be chosen).
+    model
+        ``full``, ``components`` or ``reduced``.
+    n
+        Number of samples; None where measured costs and correlations are to decide, within a budget.
+    divisor
+        By what its step is divided.
     scene
-        Where its meshes are from; None for those of the ensemble's own model.
+        Scene file that its meshes are from; None for those of the ensemble's own model.
     """
 
-    text: str
     model: str
-    divisor: int
-    count: int | None
-    scene: Path | None
+    n: int | None
+    divisor: int = 1
+    scene: str | PathLike[str] | None = None
+
+    @classmethod
+    def read(cls, text: str) -> Self:
+        """Return what a text like ``full/2=100`` asks for; raises `InputError` where it is none of the kind."""
+        parts = FORM.fullmatch(text.strip())
+        if parts is None or parts["model"] not in MODELS or not 1 <= int(parts["divisor"] or 1) <= MOST_DIVISOR:
+            raise InputError(f"--correct {text}: allowed are {ALLOWED}, such as full=200, components=500 or full/4=50")
+        count = None if parts["count"] == "auto" else int(parts["count"])
+        return cls(parts["model"], count, int(parts["divisor"] or 1), parts["scene"])
 
     @property
     def name(self) -> str:
@@ -57,16 +69,24 @@ class Wanted:
         return self.model if self.divisor == 1 else f"{self.model}/{self.divisor}"
 
     @property
+    def text(self) -> str:
+        """What asks for it on a command line."""
+        ahead = "" if self.scene is None else f"{fspath(self.scene)}:"
+        return f"{ahead}{self.name}={'auto' if self.n is None else self.n}"
+
+    @property
     def rank(self) -> tuple[int, int]:
         """Better models have larger ones."""
         return MODELS.index(self.model), self.divisor
 
 
-def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[Wanted]:
-    """Return what ``--correct`` asks for, the best first; the same on all ranks.
+def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
+    """Return better models, the best first; the same on all ranks.
 
     Parameters
     ----------
+    wanted
+        In any order.
     own
         Name of the ensemble's own model.
     n_samples
@@ -75,14 +95,15 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
     Raises
     ------
     InputError
-        If a text is none of the kind, or models or numbers are in no order that makes sense.
+        If models or numbers are in no order that makes sense.
     """
-    if not texts:
+    if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import FEWEST as fewest  # most ensembles are of one model
 
-    found = [_wanted(text) for text in texts]
-    found.sort(key=lambda one: one.rank, reverse=True)
+    for one in wanted:
+        Correction.read(one.text)  # of a program's own making
+    found = sorted(wanted, key=lambda one: one.rank, reverse=True)
     for one, other in zip(found, found[1:]):
         if one.rank == other.rank:
             raise InputError(f"--correct {other.text}: {one.name} is there twice; give it once")
@@ -92,9 +113,9 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
                 f"--correct {one.text}: {one.name} is no better than the ensemble's own model, {own}; give a better "
                 f"one, or {own}/2 for steps half as long"
             )
-        if one.count is not None and one.count < fewest:
+        if one.n is not None and one.n < fewest:
             raise InputError(f"--correct {one.text}: at least {fewest} samples, or the interval would rest on nothing")
-    known = [(one.name, one.count) for one in found if one.count is not None]
+    known = [(one.name, one.n) for one in found if one.n is not None]
     known += [(own, n_samples)] if n_samples is not None else []
     for (better, few), (worse, many) in zip(known, known[1:]):
         if few > many:
@@ -105,22 +126,15 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
     return found
 
 
-def _wanted(text: str) -> Wanted:
-    parts = FORM.fullmatch(text.strip())
-    if parts is None or parts["model"] not in MODELS or not 1 <= int(parts["divisor"] or 1) <= MOST_DIVISOR:
-        raise InputError(f"--correct {text}: allowed are {ALLOWED}, such as full=200, components=500 or full/4=50")
-    count = None if parts["count"] == "auto" else int(parts["count"])
-    scene = None if parts["scene"] is None else Path(parts["scene"])
-    return Wanted(text, parts["model"], int(parts["divisor"] or 1), count, scene)
-
-
-def better_models(wanted: Sequence[Wanted], own: Model, source: Path, changes: tuple, comm: MPI.Comm) -> list[Better]:
+def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: MPI.Comm) -> list[Better]:
     """Return the models that are asked for. Collective on `comm`.
 
     Parameters
     ----------
     own
-        The ensemble's own model, from `source` with the overrides and settings `changes`.
+        The ensemble's own model.
+    source
+        What messages call that which it is from.
 
     Raises
     ------
@@ -131,17 +145,15 @@ def better_models(wanted: Sequence[Wanted], own: Model, source: Path, changes: t
         return []
     from pgmp_petsc.ensemble.correction import Better  # as above
 
-    return [Better(one.name, _model(one, own, source, changes, comm), one.count) for one in wanted]
+    return [Better(one.name, _model(one, own, source, comm), one.n) for one in wanted]
 
 
-def _model(one: Wanted, own: Model, source: Path, changes: tuple, comm: MPI.Comm) -> Model:
+def _model(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Model:
     scene = _scene_of(own.scene, one.divisor)
     if one.model == "reduced":
         with agreed(comm, "preparing the reduced model"):
             return ReducedModel(scene, own.rom, own.kinematics)
-    meshes = _meshes(one, own, source, changes, comm)
-    from pgmp_petsc.outputs.stress import check_stresses
-
+    meshes = _meshes(one, own, source, comm)
     with agreed(comm, f"preparing {one.name}"):
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
@@ -160,11 +172,11 @@ def _scene_of(scene: Scene, divisor: int) -> Scene:
     return scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
 
 
-def _meshes(one: Wanted, own: Model, source: Path, changes: tuple, comm: MPI.Comm) -> Mapping[str, BodyShape]:
+def _meshes(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Mapping[str, BodyShape]:
     """Return the meshes of a model: those of its scene, or that the ensemble's model came with."""
     purpose = PURPOSES[one.model]
     if one.scene is not None:
-        scene, meshes = read_scene(one.scene, (), (), comm, purpose)
+        scene, meshes = read_scene(Path(one.scene), (), (), comm, purpose)
         for table in OF_MESHES:
             if getattr(scene, table) != getattr(own.scene, table):
                 raise InputError(
@@ -173,7 +185,7 @@ def _meshes(one: Wanted, own: Model, source: Path, changes: tuple, comm: MPI.Com
                 )
         return meshes
     if not isinstance(own, ReducedModel):
-        return read_scene(source, *changes, comm, purpose)[1]
+        return on_root(comm, with_meshes, own.scene, purpose)[1]
     condensed = [name for name, mesh in own.rom.meshes.items() if not isinstance(mesh, LineMesh)]
     if condensed:
         raise InputError(

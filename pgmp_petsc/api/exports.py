@@ -1,0 +1,99 @@
+"""Reduced models of a program for other programs."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
+from pgmp_petsc.api.result import Rom, wrong
+from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import Origin, check_rom
+from pgmp_petsc.code.constants import CORRECTIONS, constants_of, tunable
+from pgmp_petsc.code.fmu import VERSIONS, write_fmu
+from pgmp_petsc.code.refusal import check_scene
+from pgmp_petsc.code.source import write_sources
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+FMU = ".fmu"
+LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
+
+
+def export_model(
+    rom: Rom | str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    fmi: int | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    comm: MPI.Comm | None = None,
+) -> Path:
+    """Write a reduced model as C99, or as an FMU, and return where; as ``pgmp export``. Collective on `comm`.
+
+    Parameters
+    ----------
+    rom, parameters, overrides
+        As of `simulate`.
+    output
+        A folder, whose name has no ending, or ``NAME.fmu``.
+    fmi
+        Version of FMI of an FMU, 2 (also if not given) or 3.
+
+    Raises
+    ------
+    InputError
+        If the model has what exported ones do not have, or cannot be written there.
+    RunError
+        If the system fails to write.
+    """
+    comm = ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        check_rom(rom)
+        _check(output, fmi)
+        origin = Origin.of(rom, None, overrides, parameters)
+    target = Path(output)
+    model = origin.prepared(comm, lambda scene: check_scene(scene, str(target)), told=False)
+
+    def writing_the_model() -> str:
+        constants = constants_of(model, str(target))
+        if target.suffix.lower() != FMU:
+            return f"{target}: C99, {write_sources(constants, target) / 1e6:.1f} MB"
+        version = fmi or VERSIONS[0]
+        platform, what = write_fmu(constants, target, version), f"FMI {version}.0, co-simulation and model exchange"
+        if platform:
+            return f"{target}: {what}, sources and a library for {platform}"
+        why = "no C compiler (cc, gcc), or no x86-64 Linux"
+        return f"{target}: {what}, sources only: {why}; compile sources/ where it is to run"
+
+    tell(comm, on_root(comm, writing_the_model))
+    steps = f"steps of {model.scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"
+    scene, variable = model.scene, tunable(model.scene)
+    tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
+    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in variable)
+    if fixed:
+        tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
+    tell(comm, f"  {LEFT_OUT}")
+    tell_remarks(comm, scene.remarks)
+    return target
+
+
+def _check(output: object, fmi: int | None) -> None:
+    """Refuse names that are neither of a folder nor of an FMU."""
+    if not isinstance(output, (str, PathLike)):
+        raise wrong("output", output, "the name of a folder, or of an FMU")
+    target = Path(output)
+    is_fmu = target.suffix.lower() == FMU
+    if target.suffix and not is_fmu:
+        raise InputError(
+            f"output '{target}': a reduced model is exported as a folder of C99, whose name has no ending (-o "
+            f"{target.with_suffix('')}/), or as an FMU (-o {target.with_suffix(FMU)})"
+        )
+    if fmi is not None and not is_fmu:
+        raise InputError(f"--fmi {fmi} is for FMUs, and '{target}' is none; name an FMU, -o NAME{FMU}, or leave it out")
+    if fmi is not None and fmi not in VERSIONS:
+        raise InputError(f"fmi = {fmi!r}: allowed are {' and '.join(map(str, VERSIONS))}")

@@ -1,0 +1,50 @@
+"""Result files that a program reads."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pgmp_petsc.api.keeping import in_memory
+from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
+from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.runtime.agreement import on_root
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
+    """Read a result file of any kind but a shard: a `Rom`, or a `Result`. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If it is no whole result of this program.
+    """
+    comm, path = ranks_of(comm), Path(path)
+    kind = on_root(comm, _kind_of, path)
+    if kind == "rom":
+        # its modules need PETSc, which all ranks start together
+        solving_ranks_of(comm)
+    data = on_root(comm, _read, path, kind)
+    return (Rom if kind == "rom" else Result)(kind, data, comm, path.parent, path)
+
+
+def _kind_of(path: Path) -> str:
+    from pgmp_petsc.results.readers import READERS
+    from pgmp_petsc.runtime.files import open_file
+
+    with open_file(path, ("rom", *READERS)) as file:
+        return str(file.attrs["kind"])
+
+
+def _read(path: Path, kind: str) -> Any:
+    if kind != "rom":
+        from pgmp_petsc.results.readers import READERS
+
+        return in_memory(READERS[kind].read(path))
+    from pgmp_petsc.studies.building import Built
+
+    return Built.read(path)

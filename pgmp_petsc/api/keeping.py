@@ -1,0 +1,105 @@
+"""The file of a result, which is claimed before long work and written after it, and the ranks that get the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pgmp_petsc.api.ranks import RESULT, tell_remarks
+from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed, form_of, is_table
+from pgmp_petsc.runtime.remarks import Remark
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Keeper:
+    """What becomes of a result.
+
+    Attributes
+    ----------
+    kind
+        Of the result.
+    comm
+        The ranks that make it.
+    output, target
+        Its file as it was named, and with its full path; None where there is none.
+    on_all_ranks
+        Whether all ranks get it; else the first alone, whose columns may stay in a file.
+    """
+
+    kind: str
+    comm: MPI.Comm
+    output: Path | None
+    target: Path | None
+    on_all_ranks: bool
+
+    def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
+        """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
+
+        Its remarks are told, but for those that were `said` before.
+
+        Raises
+        ------
+        RunError
+            If the system fails to write.
+        """
+
+        def writing_the_result() -> None:
+            from pgmp_petsc.results.tables import write_result  # loads h5py, which without a file nobody needs
+
+            write_result(data, self.output)
+
+        def handing_out_the_result() -> Any:
+            return in_memory(data)
+
+        if self.output is not None:
+            on_root(self.comm, writing_the_result)
+        if self.on_all_ranks:
+            data = on_root(self.comm, handing_out_the_result)
+        elif self.comm.rank > 0:
+            data = None
+        # of a table nothing can be read again
+        path = None if self.target is None or is_table(self.target) else self.target
+        found = (Rom if self.kind == "rom" else Result)(self.kind, data, self.comm, directory, path)
+        if data is not None:
+            tell_remarks(self.comm, (remark for remark in found.remarks if remark not in said), RESULT)
+        return found
+
+
+@contextmanager
+def keeping(
+    kind: str,
+    comm: MPI.Comm,
+    output: str | PathLike[str] | None,
+    on_all_ranks: bool,
+    inputs: Iterable[str | PathLike[str] | None] = (),
+) -> Iterator[Keeper]:
+    """Claim the file of a result, and yield what keeps it. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, may not be replaced, or is one of the `inputs`.
+    """
+    if output is None:
+        yield Keeper(kind, comm, None, None, on_all_ranks)
+        return
+    with claimed(comm, output, form_of(output, kind), inputs) as target:
+        yield Keeper(kind, comm, Path(output), target, on_all_ranks)
+
+
+def in_memory(data: Any) -> Any:
+    """Return a result whose columns are arrays, where they are read from a file when they are asked for."""
+    found = {item.name: getattr(data, item.name) for item in fields(data)}
+    lazy = {
+        name: dict(value) for name, value in found.items() if isinstance(value, Mapping) and type(value) is not dict
+    }
+    return replace(data, **lazy) if lazy else data

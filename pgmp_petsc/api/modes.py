@@ -1,0 +1,74 @@
+"""Eigenfrequencies over the configurations of a program's scene."""
+
+from __future__ import annotations
+
+from os import PathLike, fspath
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.api.keeping import keeping
+from pgmp_petsc.api.ranks import solving_ranks_of, tell_remarks
+from pgmp_petsc.api.requests import check_whole
+from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
+from pgmp_petsc.api.sources import check_rom, check_scene, directory_of, model_of_rom, scene_and_meshes
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.modes_table import tabulate_modes
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+MOST_ANGLES = 10**6
+
+
+def frequencies(
+    scene: Scene | str | PathLike[str],
+    *,
+    rom: Rom | str | PathLike[str] | None = None,
+    angles: int | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    ranks_per_angle: int = 1,
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: MPI.Comm | None = None,
+) -> Result:
+    """Compute eigenfrequencies of a scene over its configurations, as ``pgmp modes``. Collective on `comm`.
+
+    Parameters
+    ----------
+    scene, parameters, overrides, ranks_per_angle, output, on_all_ranks
+        As of `build`.
+    rom
+        A reduced model, or its file, whose frequencies are added.
+    angles
+        Of each coordinate; otherwise as ``reduction.angles`` says.
+
+    Returns
+    -------
+    Result
+        With the attributes of `results.ModesTable`.
+
+    Raises
+    ------
+    InputError, RunError
+        As the command.
+    """
+    comm = solving_ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        check_scene(scene)
+        if rom is not None:
+            check_rom(rom)
+        if angles is not None:
+            check_whole("angles", angles, 2, MOST_ANGLES)
+        texts, settings = overrides_of(overrides), settings_of(parameters)
+    inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
+    with keeping("modes", comm, output, on_all_ranks, inputs) as keeper:
+        loaded, meshes = scene_and_meshes(scene, Purpose.MODES, texts, settings, comm)
+        tell_remarks(comm, loaded.remarks)
+        reduced = None if rom is None else model_of_rom(rom, comm)
+        with RankGroup.split(comm, ranks_per_angle) as group:
+            table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
+        return keeper.result(table, directory_of(scene), loaded.remarks)

@@ -1,0 +1,230 @@
+"""What an ensemble is asked for, and what of it does not fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+
+from pgmp_petsc.api.better import Correction, in_order
+from pgmp_petsc.api.result import wrong
+from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
+from pgmp_petsc.ensemble.rules import read_rule
+from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.stopping import Stop
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+FEW = 4  # samples of a better model to each Sobol sequence
+LONGEST = 1e8  # s, of a budget
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """When an ensemble ends before its last sample.
+
+    Attributes
+    ----------
+    until
+        Rules, such as ``"std(angle) < 1 %"`` or ``"P(angle > 3) +- 0.002"``; it ends when all are met.
+    budget
+        Wall time from the start of the call, s.
+    """
+
+    until: Sequence[str] = ()
+    budget: float | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.until) or self.budget is not None
+
+    def check(self) -> None:
+        """Refuse what are no rules, and no time."""
+        if isinstance(self.until, str) or not all(isinstance(rule, str) for rule in self.until):
+            raise InputError(f"until = {self.until!r}: allowed is a list of rules, such as ['std(angle) < 1 %']")
+        number = isinstance(self.budget, (int, float)) and not isinstance(self.budget, bool)
+        if self.budget is not None and not (number and 0.0 < self.budget < LONGEST):
+            raise InputError(f"budget = {self.budget!r}: allowed is a time in seconds, of less than three years")
+
+    def stop(self, scene: Scene, start: float) -> Stop | None:
+        """Return what ends an ensemble of a scene; raises `InputError` where a rule is none."""
+        return Stop(tuple(read_rule(rule, scene) for rule in self.until), self.budget, start) if self else None
+
+
+@dataclass(frozen=True)
+class Request:
+    """An ensemble that is asked for; every method is called by every rank alike, and raises `InputError`.
+
+    Attributes
+    ----------
+    n, seed, sampler, samples, shard, correct, stopping
+        As of `api.ensembles.montecarlo`.
+    model
+        Name of the ensemble's own model.
+    """
+
+    n: int | None
+    seed: int
+    sampler: str | None
+    samples: Path | None
+    shard: Shard | None
+    correct: Sequence[Correction]
+    stopping: Stopping
+    model: str
+
+    @classmethod
+    def of(
+        cls,
+        n: int | None,
+        seed: int,
+        sampler: str | None,
+        samples: str | PathLike[str] | None,
+        shard: Shard | None,
+        correct: Sequence[Correction],
+        stopping: Stopping | None,
+        model: str,
+    ) -> Request:
+        """Return what the arguments of a call ask for; refuse what does not fit together."""
+        _check_kinds(shard, correct, stopping)
+        found = cls(
+            n, seed, sampler, None if samples is None else Path(samples), shard, tuple(correct),
+            stopping or Stopping(), model,
+        )  # fmt: skip
+        found._check()
+        return replace(found, correct=in_order(found.correct, model, n))
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What it changes of the scene."""
+        return () if self.sampler is None else (f'ensemble.sampler="{self.sampler}"',)
+
+    @property
+    def kind(self) -> str:
+        """Of the result."""
+        return "ensemble" if self.shard is None else "shard"
+
+    def _check(self) -> None:
+        self.stopping.check()
+        if self.n is not None:
+            check_whole("n", self.n, 1, MOST_SAMPLES)
+        check_whole("seed", self.seed, 0, LARGEST_SEED)
+        if self.sampler is not None and self.sampler not in SAMPLERS:
+            raise InputError(f"sampler = {self.sampler!r}: allowed are {', '.join(SAMPLERS)}")
+        if self.samples is None and self.n is None and self.stopping.budget is None:
+            raise InputError(
+                "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"
+            )
+        if self.samples is not None and self.sampler is not None:
+            raise InputError(
+                f"--sampler {self.sampler}: the samples are those of --samples {self.samples}; give one of them"
+            )
+        self._check_decisions()
+
+    def _check_decisions(self) -> None:
+        """Refuse what cannot decide on the same samples."""
+        wanted, rules, seconds = self.correct, self.stopping.until, self.stopping.budget
+        if self.shard is not None and (wanted or self.stopping):
+            option = "--correct" if wanted else "--until" if rules else "--budget"
+            raise InputError(
+                f"--shard {self.shard}: {option} goes by all samples, and a shard has some; leave one of them out"
+            )
+        if wanted and rules:
+            raise InputError(
+                f'--until "{rules[0]}" and --correct: rules go by the figures of one model; give numbers of samples, '
+                "or --correct MODEL=auto with --budget, which gets most out of a time"
+            )
+        free = [one for one in wanted if one.n is None]
+        if free and seconds is None:
+            raise InputError(
+                f"--correct {free[0].text}: what decides on the number is missing; give --budget, such as 60s"
+            )
+        if wanted and seconds is not None and not free:
+            raise InputError(
+                f"--budget: --correct {wanted[0].text} gives the number of samples, and nothing is left to choose; "
+                f"take {wanted[0].name}=auto, or leave --budget out"
+            )
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse scenes whose shards would not be parts of one ensemble."""
+        if scene.simulation.tolerance is not None and self.shard is not None:
+            raise InputError(
+                f"--shard {self.shard}: with simulation.tolerance every shard would measure a step of its own; build "
+                "with the tolerance, or give simulation.step"
+            )
+
+    def table(self, model: Model, settings: Sequence[str]) -> SampleFile | None:
+        """Return the samples of the file, None where there is none. By one process."""
+        if self.samples is None:
+            return None
+        file = read_samples(self.samples, model.scene, self.n)
+        for setting in settings:
+            name = setting.partition("=")[0].strip()
+            if name in file.values:
+                raise InputError(
+                    f"--set {setting}: every sample takes '{name}' from --samples {self.samples}; leave one of them out"
+                )
+        if isinstance(model, ReducedModel):
+            refuse_beyond(model.served, file.values, f"--samples {self.samples}")
+            said = outside_of(model.served, file.values, f"--samples {self.samples}")
+            file = replace(file, remarks=(*file.remarks, *said))
+        return file
+
+    def with_table(self, file: SampleFile | None) -> Request:
+        """Return the request with the number of samples that a file gives."""
+        if file is None:
+            return self
+        n = len(next(iter(file.values.values())))
+        return replace(self, n=n, correct=in_order(self.correct, self.model, n))
+
+    def plan(self, output: Path, resume: bool, file: SampleFile | None) -> Plan:
+        """Return which samples are integrated, and where they are kept."""
+        if self.shard is not None and self.shard.count > self.n:
+            raise InputError(
+                f"--shard {self.shard}: {self.shard.count} shards of {self.n} samples; take no more shards than samples"
+            )
+        n = MOST_SAMPLES if self.n is None else self.n
+        return Plan(n, self.seed, output, resume, file, self.shard, self.n is not None)
+
+    def check_design(self, scene: Scene, file: SampleFile | None) -> None:
+        """Refuse designs whose samples are no parts of each other."""
+        sampler = "random" if file is not None else scene.ensemble.sampler
+        if self.stopping and sampler == "latin_hypercube":
+            raise InputError(
+                "--until and --budget with the sampler latin_hypercube: each of its samples depends on how many there "
+                "are; take random or sobol"
+            )
+        if self.correct and sampler not in ("random", "sobol"):
+            raise InputError(
+                f"--correct with the sampler {sampler}: intervals of several models are those of independent samples, "
+                "or of replicates of Sobol sequences; take random or sobol"
+            )
+        replicates = scene.ensemble.replicates
+        for one in self.correct if sampler == "sobol" else ():
+            if one.n is None or one.n % (FEW * replicates):
+                raise InputError(
+                    f"--correct {one.text}: with the sampler sobol every one of {replicates} sequences "
+                    f"(ensemble.replicates) needs as many samples, and {FEW} at least; give a multiple of "
+                    f"{FEW * replicates}"
+                )
+
+
+def check_whole(name: str, value: object, least: int, most: int) -> None:
+    """Refuse what is no whole number within limits."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise InputError(f"{name} = {value!r}: allowed are whole numbers from {least} to {most}")
+
+
+def _check_kinds(shard: object, correct: object, stopping: object) -> None:
+    """Refuse groups of options that are something else."""
+    if shard is not None and not isinstance(shard, Shard):
+        raise wrong("shard", shard, "pgmp.Shard(number, count), such as pgmp.Shard(2, 8)")
+    if stopping is not None and not isinstance(stopping, Stopping):
+        raise wrong("stopping", stopping, "pgmp.Stopping(until, budget)")
+    if not isinstance(correct, (list, tuple)) or not all(isinstance(one, Correction) for one in correct):
+        raise wrong("correct", correct, "a list of pgmp.Correction(model, n)")
+    if shard is not None:
+        whole = all(isinstance(value, int) for value in (shard.number, shard.count))
+        if not whole or not 1 <= shard.number <= shard.count:
+            raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")

@@ -1,0 +1,167 @@
+"""What a call runs: a reduced model or a scene that a program holds, or the file of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.api.ranks import tell, tell_remarks
+from pgmp_petsc.api.result import Rom, wrong
+from pgmp_petsc.api.scenes import Overrides, Parameters, changed, overrides_of, settings_of
+from pgmp_petsc.models import Model
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.inputs import read_rom, read_scene, scene_of_rom, with_meshes
+from pgmp_petsc.studies.prepared import PURPOSES, mesh_model, reduced_model, settled
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from pgmp_petsc.bodies.shape import BodyShape
+    from pgmp_petsc.mechanism.capabilities import Purpose
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+Named = str | PathLike[str]
+AnySource = Rom | Scene | str | PathLike[str]
+REDUCED = "reduced"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a model comes from.
+
+    Attributes
+    ----------
+    source
+        A reduced model, a scene, or the file of one.
+    model
+        ``reduced``, ``full`` or ``components``.
+    overrides, settings
+        Changes of the scene, as a command takes them.
+    """
+
+    source: AnySource
+    model: str
+    overrides: tuple[str, ...]
+    settings: tuple[str, ...]
+
+    @classmethod
+    def of(cls, source: AnySource, model: str | None, overrides: Overrides, parameters: Parameters | None) -> Origin:
+        """Return what the arguments of a call say. Raises `InputError`; by every rank alike."""
+        _check_model(source, model)
+        return cls(source, model or REDUCED, overrides_of(overrides), settings_of(parameters))
+
+    @property
+    def path(self) -> Path | None:
+        """The file, where it is one."""
+        return Path(self.source) if isinstance(self.source, (str, PathLike)) else getattr(self.source, "path", None)
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        if isinstance(self.source, (str, PathLike)):
+            return str(self.source)
+        return "the reduced model" if isinstance(self.source, Rom) else "the scene"
+
+    @property
+    def directory(self) -> Path:
+        """Folder that paths of the scene are relative to."""
+        return directory_of(self.source)
+
+    def prepared(self, comm: MPI.Comm, check: Callable[[Scene], None] = lambda scene: None, told: bool = True) -> Model:
+        """Return the model, with the step of its scene. Collective on `comm`.
+
+        `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or has what its kind of model cannot have.
+        """
+        rom, meshes = None, {}
+        if self.model == REDUCED and isinstance(self.source, Rom):
+            rom = self.source.data.rom
+            scene = on_root(comm, self._scene_of, rom)
+        elif self.model == REDUCED:
+            scene, rom = read_rom(Path(self.source), self.overrides, self.settings, comm)
+        else:
+            scene, meshes = scene_and_meshes(self.source, PURPOSES[self.model], self.overrides, self.settings, comm)
+        with agreed(comm, "looking at the scene"):
+            check(scene)
+        tell_remarks(comm, scene.remarks if told else ())
+        return reduced_model(scene, rom, comm) if rom is not None else mesh_model(scene, meshes, self.model, comm)
+
+    def settled(self, comm: MPI.Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
+        """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
+        model, remark = settled(self.prepared(comm, check), comm, many)
+        tell(comm, remark)
+        return model
+
+    def _scene_of(self, rom: object) -> Scene:
+        return scene_of_rom(rom, self.directory, self.overrides, self.settings, self.name)
+
+
+def scene_and_meshes(
+    source: Scene | Named, purpose: Purpose, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+) -> tuple[Scene, dict[str, BodyShape]]:
+    """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If it is none, or has what the purpose cannot do with it.
+    """
+    if isinstance(source, (str, PathLike)):
+        return read_scene(Path(source), overrides, settings, comm, purpose)
+
+    def preparing_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
+        return with_meshes(changed(source, overrides, settings), purpose)
+
+    return on_root(comm, preparing_the_scene)
+
+
+def model_of_rom(rom: Rom | Named, comm: MPI.Comm) -> ReducedOrderModel:
+    """Return the tables of a reduced model, or of its file. Collective on `comm`."""
+    return rom.data.rom if isinstance(rom, Rom) else read_rom(Path(rom), (), (), comm)[1]
+
+
+def directory_of(source: AnySource) -> Path:
+    """Return the folder that paths of a scene are relative to."""
+    return source.directory if isinstance(source, (Rom, Scene)) else Path(source).parent
+
+
+def check_scene(scene: object) -> None:
+    """Refuse what is neither a scene nor the name of its file."""
+    if not isinstance(scene, (Scene, str, PathLike)):
+        raise wrong("scene", scene, "a scene, as from pgmp.load or pgmp.compose, or its file")
+
+
+def check_rom(rom: object) -> None:
+    """Refuse what is neither a reduced model nor the name of its file."""
+    if not isinstance(rom, (Rom, str, PathLike)):
+        raise wrong("rom", rom, "a reduced model, as from pgmp.build or pgmp.read, or its file")
+
+
+def _check_model(source: object, name: str | None) -> None:
+    """Refuse models that a source does not have."""
+    if isinstance(source, Rom):
+        if name not in (None, REDUCED):
+            raise InputError(
+                f"model = {name!r}: a reduced model is given; give its scene, such as pgmp.simulate(rom.scene, "
+                "model='full')"
+            )
+        return
+    known = " and ".join(f"'{model}'" for model in PURPOSES)
+    if isinstance(source, (str, PathLike)):
+        if name not in (None, REDUCED, *PURPOSES):
+            raise InputError(f"model = {name!r}: allowed are 'reduced' of the file of one, {known} of a scene's")
+    elif not isinstance(source, Scene):
+        raise wrong("source", source, "a reduced model (pgmp.build, pgmp.read), a scene (pgmp.load), or a file")
+    elif name not in PURPOSES:
+        raise InputError(
+            f"model = {name!r}: of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
+        )
