@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Self
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -154,6 +153,8 @@ def _model(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Model
         with agreed(comm, "preparing the reduced model"):
             return ReducedModel(scene, own.rom, own.kinematics)
     meshes = _meshes(one, own, source, comm)
+    from pgmp_petsc.outputs.stress import check_stresses  # as above
+
     with agreed(comm, f"preparing {one.name}"):
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
