@@ -67,7 +67,6 @@ def tradeoff(
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
         loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, texts, settings, comm)
-        tell_remarks(comm, loaded.remarks)
         kind, finished = {"command": "tradeoff", "quick": quick}, None
         if keeper.output is not None:
             finished = Finished(keeper.output, kind, loaded, meshes, comm, resume)
@@ -78,6 +77,7 @@ def tradeoff(
             if finished is not None:
                 finished.forget()
             raise
+        tell_remarks(comm, loaded.remarks)
         made = keeper.result(study, directory_of(scene), loaded.remarks)
         if finished is not None:
             finished.remove()
