@@ -28,7 +28,7 @@ from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.event_location import EventLocation, Moment, Part
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.linearisation import Linearisation
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
@@ -82,7 +82,7 @@ class Contacts:
 
     def __init__(
         self,
-        model: ReducedModel,
+        model: ReducedModel | LengthLanes,
         values: Mapping[str, float],
         linearisation: Linearisation,
         times: np.ndarray,

@@ -56,8 +56,8 @@ RUNS = {
         "two_crossing:1:2",
     ),
     # of what two ranks have tried already, what a third one changes
-    3: ("plain:3:3", "static:3:2"),
-    5: ("plain:2:5", "few:5:0", "reflected:1:4", "extended:2:3", "curved_extended:2:2", "two:3:0"),
+    3: ("few:3:3", "weight:2:2"),
+    5: ("plain:2:5", "few:5:0", "reflected:1:4", "static:3:2", "extended:2:3", "curved_extended:2:2", "two:3:0"),
 }
 CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]
 TABLES = ("mass", "inertia", "stiffness", "load")
