@@ -201,7 +201,8 @@ def test_damping_takes_its_share_of_the_momentum() -> None:
     plain = system_of(terms, 4).residual(0.0, state)
     damped = system_of(terms_of(mass=0.5), 4).residual(0.0, state)
     momenta = np.array([Lagrangian(terms).momentum(x, y) for x, y in zip(q, v)])
-    np.testing.assert_allclose(damped - plain, 0.5 * momenta, rtol=0, atol=1e-12)
+    # the rigid inertia's polynomials of degree 7 keep twelve digits of a residual below 100
+    np.testing.assert_allclose(damped - plain, 0.5 * momenta, rtol=0, atol=1e-10)
     terms = terms_of(damping=0.1)
     structural = system_of(terms, 4).residual(0.0, state) - plain
     mass = np.array([whole(terms.terms(x[None, :2])[0, 0, terms.layout.damping :]) for x in q])
