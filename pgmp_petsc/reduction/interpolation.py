@@ -93,7 +93,10 @@ class Interpolant:
         return self._sum(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out)."""
+        """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
+
+        The factors are the vectors (k, m) and, where there are more, `pair_products` of these behind them.
+        """
         result, cells = np.empty((len(theta), self.shape[1])), np.empty(len(theta), dtype=np.int64)
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         points = self._points(theta)
@@ -137,7 +140,7 @@ def _room():
     return np.empty(N_ROWS, dtype=np.int64), np.empty((2, N_ROWS))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def _tensor_stencil(theta, axes, derivative, one_axis, rows, weights):
     """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,).
 
@@ -184,31 +187,53 @@ def _fill_cells(theta, axes, cells):
 
 @njit(cache=True, error_model="numpy")
 def _fill_products(theta, axes, table, vectors, cells, order, work, result):
-    """Fill vectors (k, n_in) times the interpolated matrices of a table (n_rows, n_in, n_out), (k, n_out).
+    """Fill factors (k, n_in) times the interpolated matrices of a table (n_rows, n_in, n_out), (k, n_out).
 
-    LANES of them from the same cell go together, so that the table is loaded once; `order` puts equal cells (k,) side
-    by side. A product is the same to the last bit whatever is computed beside it. `work` has room for weights, factors
-    and products, vectors (4**n_theta + n_in + n_out, LANES).
+    The factors are vectors (k, m) and what pairs of their entries make, up to n_in. LANES of them from the same cell go
+    together, so that the table is loaded once; `order` puts equal cells (k,) side by side. A product is the same to the
+    last bit whatever is computed beside it. `work` has room for weights, factors and products, vectors (4**n_theta +
+    n_in + n_out, LANES).
     """
-    n_rows, first, n_in = N_ROWS ** len(axes), 0, table.shape[1]
+    n_rows = N_ROWS ** len(axes)
+    room = _room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
+    _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result)
+
+
+@njit(error_model="numpy", counted=False)
+def _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result):
+    """Fill the products cell by cell; see `_fill_products`. `room` is that of `_tensor_stencil`."""
+    one_axis, rows, weights = room
+    n_rows, first, n_in, m = rows.size, 0, table.shape[1], vectors.shape[1]
     of_rows, factors, products = work[:n_rows], work[n_rows : n_rows + n_in], work[n_rows + n_in :]
-    one_axis, rows, weights = _room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
     while first < order.size:
         behind = first + 1
         while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
             behind += 1
-        for lane in range(LANES):
-            k = order[min(first + lane, behind - 1)]
+        for lane in range(behind - first):
+            k = order[first + lane]
             _tensor_stencil(theta[k], axes, -1, one_axis, rows, weights)
             for r in range(n_rows):
                 of_rows[r, lane] = weights[r]
-            for i in range(n_in):
+            for i in range(m):
                 factors[i, lane] = vectors[k, i]
+        if n_in > m:
+            _multiply_pairs(m, factors)
         _multiply(rows, table, of_rows, factors, products)
         for lane in range(behind - first):
+            k = order[first + lane]
             for j in range(table.shape[2]):
-                result[order[first + lane], j] = products[j, lane]
+                result[k, j] = products[j, lane]
         first = behind
+
+
+@njit(error_model="numpy", counted=False)
+def _multiply_pairs(m, factors):
+    """Fill the factors behind the first m with `pair_products` of these."""
+    pair = m
+    for i in range(m):
+        for j in range(i + 1):
+            store(factors, pair, (0.5 if i == j else 1.0) * load(factors, i) * load(factors, j))
+            pair += 1
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

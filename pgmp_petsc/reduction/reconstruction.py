@@ -125,9 +125,7 @@ class Reconstruction:
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates
-        delta = np.ascontiguousarray(eta[:, n_theta:])
-        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        return self._shapes.product(eta[:, :n_theta], factors)
+        return self._shapes.product(eta[:, :n_theta], eta[:, n_theta:])
 
     def _in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Return frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
