@@ -30,7 +30,7 @@ from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, fill_planar_strains, look_at
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -63,8 +63,6 @@ class Validity:
     ----------
     every
         Steps of which one is looked at.
-    extremes
-        By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
 
     every = EVERY
@@ -83,14 +81,21 @@ class Validity:
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
         of_mass, of_stiffness = (
-            np.array(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))), order="C")
+            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
             for weights in (tables.mass_weights, tables.stiffness_weights)
         )
-        self._weights = side_by_side(of_mass), of_stiffness
+        self._weights = Weights.of(of_mass, system.load_weights, of_stiffness)
         self._places = Places.of(tables.samples, tables.stiffness, model.stiffness_changes)
         self._kept = Kept.nothing(self._places, -(-n_looks // self._part), n, system.n_eta)
         self._n_looks = 0
-        self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
+        self._deformed = {name: np.full(n, np.nan) for name in ("elastic_rotation", "elastic_strain")}
+
+    @property
+    def extremes(self) -> dict[str, np.ndarray]:
+        """By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known."""
+        gained, lost = self._kept.shares(self._system.n_samples)
+        found = self._deformed | {"stiffness_gained": gained, "stiffness_lost": lost}
+        return {name: found[name] for name in VALIDITY}
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
@@ -113,8 +118,6 @@ class Validity:
         forces = self._system.action_forces(times, trail)
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
-        gained, lost = self._kept.shares(self._system.n_samples)
-        self.extremes |= {"stiffness_gained": gained, "stiffness_lost": lost}
 
     def _strain(self) -> None:
         """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""
@@ -126,9 +129,9 @@ class Validity:
                 name: np.tile(np.broadcast_to(own, some.shape[1]), len(some)) for name, own in self._values.items()
             }
             found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2]), together))
-            for name, values in zip(("elastic_rotation", "elastic_strain"), found):
+            for name, values in zip(self._deformed, found):
                 values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])
-                self.extremes[name] = np.fmax(self.extremes[name], np.fmax.reduce(values, axis=0))
+                self._deformed[name] = np.fmax(self._deformed[name], np.fmax.reduce(values, axis=0))
 
 
 class BodyStrains:
