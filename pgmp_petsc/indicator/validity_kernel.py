@@ -172,14 +172,14 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
     q, rates, moving = empty_lanes(n_eta, LANES), empty_lanes(r, LANES), empty_lanes(r + r * (r + 1) // 2, LANES)
     loading = empty_lanes(places.influence.shape[2], LANES)
     samples = np.empty(LANES, dtype=np.int64)
-    room = samples, q, rates, moving, loading
+    room = samples, q, rates, moving, loading, np.empty(places.stiffness.shape[2])
     _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room)
 
 
 @njit(error_model="numpy", counted=False)
 def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room):
     """Look at the states block by block; see `look_at`. `room` is for what holds at one state of a block."""
-    samples, q, rates, moving, loading = room
+    samples, q, rates, moving, loading, own_stiffness = room
     n, n_eta, r = trail.shape[2], trail.shape[3], len(places.axes)
     for block in range(kept.ends.shape[0]):
         for lane in range(LANES):
@@ -194,7 +194,7 @@ def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, r
             for lane in range(LANES):
                 if moved & (1 << lane):
                     own = weights.stiffness[samples[lane]]
-                    _come_to(_nearest(places.axes, ends, q, lane), places, own, lane, terms)
+                    _come_to(_nearest(places.axes, ends, q, lane), places, own, lane, own_stiffness, terms)
             energy = _energy(terms, q, r, n_eta)
             more = exceeding(energy, load(largest, 0)) & ~differing(energy, energy)
             if more:
@@ -226,6 +226,11 @@ def _nearest(axes, ends, q, lane):
         theta = q[k, lane]
         inside = lower + (theta - lower) % turn if turn > 0.0 else theta
         i = 0
+        if middles.size > 1:  # where it is among even places, and from there
+            share = (inside - middles[0]) / (middles[-1] - middles[0])
+            i = min(max(int(share * middles.size), 0), middles.size)
+        while i > 0 and not middles[i - 1] < inside:
+            i -= 1
         while i < middles.size and middles[i] < inside:
             i += 1
         from_ = middles[i - 1] if i > 0 else (lower if turn > 0.0 else -np.inf)
@@ -238,15 +243,18 @@ def _nearest(axes, ends, q, lane):
 
 
 @njit(inline="always")
-def _come_to(place, places, weights, lane, terms):
+def _come_to(place, places, weights, lane, own_stiffness, terms):
     """Keep what holds at a place for the parameters of a lane."""
     _, stiffness, influence, of_modes = places
     row = stiffness.shape[2]
+    # along the entries, which lie side by side
     for entry in range(row):
-        total = 0.0
-        for term in range(weights.size):
-            total += weights[term] * stiffness[place, term, entry]
-        terms[entry, lane] = total
+        own_stiffness[entry] = weights[0] * stiffness[place, 0, entry]
+    for term in range(1, weights.size):
+        for entry in range(row):
+            own_stiffness[entry] += weights[term] * stiffness[place, term, entry]
+    for entry in range(row):
+        terms[entry, lane] = own_stiffness[entry]
     for mode in range(influence.shape[1]):
         own = 0.0
         for term in range(weights.size):
