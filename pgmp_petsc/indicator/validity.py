@@ -30,7 +30,7 @@ from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, fill_planar_strains, look_at
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at, look_at_planar_beam
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -174,29 +174,29 @@ class BodyStrains:
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
+            if body.is_beam and not self._spatial:
+                strain = np.fmax(strain, self._of_planar_beam(body, local, rotation))
+                continue
             moved = local[:, body.nodes]
             turned = np.linalg.norm(moved[..., 3:], axis=2) if self._spatial else np.abs(moved[..., 2])
             rotation = np.maximum(rotation, np.max(turned, axis=1))
             if body.is_beam:
-                strain = np.fmax(strain, self._strain(body, moved))
+                strain = np.fmax(strain, self._of_spatial_beam(body, moved))
         return rotation, strain
 
-    def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
+    def _of_planar_beam(self, body: Body, local: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from displacements of all nodes (n, n_nodes, 3), shape (n,); enlarge the
+        rotation."""
+        strain, angles = np.empty(len(local)), np.asarray(body.directions, dtype=float)
+        look_at_planar_beam(
+            np.ascontiguousarray(local), (body.nodes.start, body.nodes.stop), body.mesh.cells, body.mesh.lengths,
+            self._longer[body.name], angles, self._half_heights[body.name], self._curved, rotation, strain,
+        )  # fmt: skip
+        return strain
+
+    def _of_spatial_beam(self, body: Body, moved: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 6), shape (n,)."""
         half_heights, longer = self._half_heights[body.name], self._longer[body.name]
-        if not self._spatial:
-            angles, strain = np.asarray(body.directions, dtype=float), np.empty(len(moved))
-            fill_planar_strains(
-                np.ascontiguousarray(moved),
-                body.mesh.cells,
-                body.mesh.lengths,
-                longer,
-                angles,
-                half_heights,
-                self._curved,
-                strain,
-            )
-            return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
         rows = rest_strains(body.mesh.lengths, body.axes)
         rest = np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1))

@@ -326,15 +326,19 @@ def _keep_shares(influence, row, terms, loading, largest):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def fill_planar_strains(moved, cells, lengths, longer, angles, half_heights, curved, strain):
-    """Fill the largest strain of an outermost fibre of a planar beam, (n,), NaN where one is.
+def look_at_planar_beam(local, nodes, cells, lengths, longer, angles, half_heights, curved, rotation, strain):
+    """Enlarge rotations, (n,), to the largest one of a planar beam, and fill the largest strain of an outermost fibre,
+    (n,); NaN where one is.
 
     Parameters
     ----------
-    moved
-        Displacements and rotations of its nodes in the body's frame, shape (n, n_nodes, 3).
+    local
+        Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3).
+    nodes
+        The beam's, first and behind the last.
     cells, lengths, angles
-        Nodes of every element, shape (n_elements, 2); lengths, m, and directions, rad, each of shape (n_elements,).
+        Nodes of every element, shape (n_elements, 2), counted from the beam's first; lengths, m, and directions, rad,
+        each of shape (n_elements,).
     longer
         How often these lengths one sample after the other has, or one for all.
     half_heights
@@ -342,15 +346,23 @@ def fill_planar_strains(moved, cells, lengths, longer, angles, half_heights, cur
     curved
         Whether strains are geometrically exact.
     """
-    for k in range(moved.shape[0]):
+    cos, sin = np.cos(angles), np.sin(angles)
+    for k in range(local.shape[0]):
+        for node in range(nodes[0], nodes[1]):
+            turned = abs(local[k, node, 2])
+            if turned > rotation[k] or np.isnan(turned):
+                rotation[k] = turned
         half_height, stretch, strain[k] = half_heights[k % half_heights.size], longer[k % longer.size], 0.0
         for e in range(lengths.size):
-            near, far, length, angle = moved[k, cells[e, 0]], moved[k, cells[e, 1]], stretch * lengths[e], angles[e]
-            along = length * np.cos(angle) + (far[0] - near[0]), length * np.sin(angle) + (far[1] - near[1])
+            near, far, length = nodes[0] + cells[e, 0], nodes[0] + cells[e, 1], stretch * lengths[e]
+            x = length * cos[e] + (local[k, far, 0] - local[k, near, 0])
+            y = length * sin[e] + (local[k, far, 1] - local[k, near, 1])
+            along, across = cos[e], sin[e]
             if curved:
-                angle += 0.5 * (near[2] + far[2])
-            axial = (np.cos(angle) * along[0] + np.sin(angle) * along[1]) / length - 1.0
-            here = abs(axial) + half_height * abs((far[2] - near[2]) / length)
+                angle = angles[e] + 0.5 * (local[k, near, 2] + local[k, far, 2])
+                along, across = np.cos(angle), np.sin(angle)
+            axial = (along * x + across * y) / length - 1.0
+            here = abs(axial) + half_height * abs((local[k, far, 2] - local[k, near, 2]) / length)
             if not here <= strain[k]:
                 strain[k] = here
             if np.isnan(here):
