@@ -64,28 +64,39 @@ class ReferenceMotion:
     def __init__(self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray) -> None:
         self._unknowns, self._states = unknowns, states
         self._n_theta, self._longest = n_theta, longest
-        self._n_dofs, self._first, self._kept = 0, 0, (np.empty(0),) * 4
+        self._n_dofs, self._first, self._kept = 0, 0, np.empty((4, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
-        if not self._first <= number < self._first + len(self._kept[0]):
-            self._compute(number)
-        return Instant(*(part[number - self._first] for part in self._kept))
+        return Instant(*self._of(number, 1)[:, 0])
 
-    def _compute(self, number: int) -> None:
+    def over(self, number: int, n: int) -> np.ndarray:
+        """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
+        n_samples)."""
+        return self._of(number, n)[:3]
+
+    def _of(self, number: int, n: int) -> np.ndarray:
+        """Return the parts of n instants from a number on, shape (4, n, n_dofs, n_samples)."""
+        first = number - self._first
+        if not 0 <= first <= self._kept.shape[1] - n:
+            self._compute(number, n)
+            first = 0
+        return self._kept[:, first : first + n]
+
+    def _compute(self, number: int, n: int) -> None:
         n_samples = self._states.shape[2]
         n_dofs = self._n_dofs = self._n_dofs or self._unknowns(self._states[0, 0, :1]).shape[0]
         numbers = (1 + len(AT)) * n_dofs * n_samples
-        states = self._states[number : number + max(1, LARGEST // numbers)]
-        kept = tuple(np.empty((len(states), n_dofs, n_samples)) for _ in range(4))
+        states = self._states[number : number + max(n, LARGEST // numbers)]
+        kept = np.empty((4, len(states), n_dofs, n_samples))
         n_together = max(1, TOGETHER // numbers)
         for first in range(0, len(states), n_together):
             some = slice(first, first + n_together)
-            self._fill(states[some], tuple(part[some] for part in kept))
+            self._fill(states[some], kept[:, some])
         self._first, self._kept = number, kept
 
-    def _fill(self, states: np.ndarray, kept: tuple[np.ndarray, ...]) -> None:
-        """Fill the parts of an `Instant`, (n, n_dofs, n_samples), for states (n, 4, n_samples, n_eta)."""
+    def _fill(self, states: np.ndarray, kept: np.ndarray) -> None:
+        """Fill the parts of instants, (4, n, n_dofs, n_samples), for states (n, 4, n_samples, n_eta)."""
         r = self._n_theta
         pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
         tau = TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2))
