@@ -131,7 +131,7 @@ def fill_path(states, tau, eta):
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def fill_motion(found, tau, q, v, a, shaken):
-    """Fill the parts of an `Instant`, (n, n_dofs, n_samples), from unknowns (n_dofs, 6, n, n_samples) at `fill_path`."""
+    """Fill the parts of instants, (n, n_dofs, n_samples), from unknowns (n_dofs, 6, n, n_samples) at `fill_path`."""
     for k in range(tau.shape[0]):
         for dof in range(found.shape[0]):
             for b in range(tau.shape[1]):
