@@ -335,7 +335,8 @@ class ExactOscillators:
 
     def _pushes(self, end: float, modes: Modes) -> Pushes:
         """Return the loads over the last step and this one."""
-        amplitudes = self._system.load_amplitudes(np.array([end - 2.0 * self._step, end - self._step, end]))
+        times = np.array([end - 2.0 * self._step, end - self._step, end])
+        amplitudes = self._system.load_amplitudes(times)[:, None] * self._system.load_weights
         return Pushes(amplitudes, *(self._pushes_at(part.z[:, 0], modes) for part in (self._before, self._smooth)))
 
     def _pushes_at(self, theta: np.ndarray, modes: Modes) -> np.ndarray:

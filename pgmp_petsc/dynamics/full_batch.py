@@ -176,14 +176,14 @@ class FullBatch:
         expected = np.full(self._size.shape, FIRST_CONTRACTION) if asked.expected is None else asked.expected
         if reference is None:
             reference = np.empty((3, 0, self.n_dofs, self.n_samples))
-        about = np.moveaxis(self.pack(reference), 0, 2)
+        about = self._blocks.pack(reference, 2)
         before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, asked.auxiliary, expected)
         after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
             self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
-            self._typical_mass, asked.step, tuple(np.ascontiguousarray(part) for part in about), asked.behind,
+            self._typical_mass, asked.step, tuple(about), asked.behind,
             before, self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]

@@ -238,15 +238,22 @@ class ReducedSystem:
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
         return energies
 
+    @property
+    def load_weights(self) -> np.ndarray:
+        """Weight of every load term, shape (n_samples, n_load_terms)."""
+        return self._lanes.load_weights.T
+
     def load_amplitudes(self, times: np.ndarray) -> np.ndarray:
-        """Return the weighted amplitude of every load term at times (n_t,), shape (n_t, n_samples, n_load_terms)."""
-        return self._over(times).loads[:, None, self._equations.weights.effects] * self._lanes.load_weights.T
+        """Return the amplitude of every load term at times (n_t,), without its weight, shape (n_t, n_load_terms)."""
+        return self._over(times).loads[:, self._equations.weights.effects]
 
     def action_forces(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the force (N or N m) of every action at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta).
 
         With the weight of every term of the actions' places, shape (n_t, n_samples, n_actions * n_terms).
         """
+        if not self._actions.actions:
+            return np.empty((times.size, self.n_samples, 0))
         everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
         forces = self._forces(times, trail, 0.0, everyone, False)
         weighted = forces[..., None] * self._lanes.place_weights.T[:, None]

@@ -56,11 +56,12 @@ class SampleBlocks:
         """Repeat the last sample so that the last axis, of samples, fills all blocks."""
         return np.concatenate([rows, np.repeat(rows[..., -1:], self.n_places - self.n_samples, axis=-1)], axis=-1)
 
-    def pack(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows of shape (..., n_samples) as contiguous (n_blocks, ..., n_lanes)."""
+    def pack(self, rows: np.ndarray, place: int = 0) -> np.ndarray:
+        """Return rows of shape (..., n_samples) as contiguous (n_blocks, ..., n_lanes); the axis of blocks may have
+        another place."""
         rows = rows if self.order is None else rows[..., self.order]
         blocks = self.fill(rows).reshape(*rows.shape[:-1], self.n_blocks, self.n_lanes)
-        return np.ascontiguousarray(np.moveaxis(blocks, -2, 0))
+        return np.ascontiguousarray(np.moveaxis(blocks, -2, place))
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return an array of shape (n_blocks, ..., n_lanes) as (..., n_samples)."""

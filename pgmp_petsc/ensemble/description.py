@@ -143,7 +143,8 @@ def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
     time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
     found = {}
     for name, values in kept.bands(asked.band_samples).items() if steps.size else ():
-        of_fine = values[chosen[: len(values)]]
+        are_fine = chosen[: len(values)]
+        of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
             time=time,
@@ -158,8 +159,9 @@ def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
 
 def _each_instant(values: np.ndarray, function: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
     """Return n figures of each column of values (n_samples, n_t), shape (n_t, n); NaN where a value is no number."""
-    known = [values.size and np.isfinite(column).all() for column in values.T]
-    rows = [function(column) if fine else np.full(n, np.nan) for column, fine in zip(values.T, known)]
+    columns = np.ascontiguousarray(values.T)
+    known = [values.size and np.isfinite(column).all() for column in columns]
+    rows = [function(column) if fine else np.full(n, np.nan) for column, fine in zip(columns, known)]
     return np.array(rows).reshape(values.shape[1], n)
 
 

@@ -12,14 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.runtime.compiled import njit
+
 Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to unknowns (n_dofs, k)
 
 # rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the acceleration, and
 # by the closure of the mechanism, 1e-12, over TURN^2
 TURN = 1e-2
-FIRST = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
-SECOND = {-2: -1 / 12, -1: 16 / 12, 0: -30 / 12, 1: 16 / 12, 2: -1 / 12}
+# weights of the points on both sides for first and second derivatives, and of the point itself
+AT, FIRST = (-2, -1, 1, 2), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
+SECOND, HERE = (-1 / 12, 16 / 12, 16 / 12, -1 / 12), -30 / 12
 LARGEST = 2**22  # numbers that are kept at once
+TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 
 
 @dataclass(frozen=True)
@@ -60,31 +64,81 @@ class ReferenceMotion:
     def __init__(self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray) -> None:
         self._unknowns, self._states = unknowns, states
         self._n_theta, self._longest = n_theta, longest
-        self._n_dofs, self._first, self._kept = 0, 0, (np.empty(0),) * 4
+        self._n_dofs, self._first, self._kept = 0, 0, np.empty((4, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
-        if not self._first <= number < self._first + len(self._kept[0]):
-            self._compute(number)
-        return Instant(*(part[number - self._first] for part in self._kept))
+        return Instant(*self._of(number, 1)[:, 0])
 
-    def _compute(self, number: int) -> None:
-        n_samples, r = self._states.shape[2], self._n_theta
-        n_dofs = self._n_dofs = self._n_dofs or self._evaluate(self._states[:1, 0]).shape[1]
-        n_instants = max(1, LARGEST // (len(SECOND) * n_dofs * n_samples))
-        q, v, a, vibration = np.moveaxis(self._states[number : number + n_instants], 1, 0)
-        pace = np.max(v[..., :r] ** 2 + TURN * np.abs(a[..., :r]), axis=-1)
-        tau = (TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2)))[..., None]
-        along = [q + at * tau * v + 0.5 * (at * tau) ** 2 * a for at in FIRST]
-        here, shaken, *there = self._evaluate(np.array([q, q + vibration, *along]))
-        first, second = np.zeros_like(here), SECOND[0] * here
-        for (at, weight), moved in zip(FIRST.items(), there):
-            first += weight * moved
-            second += SECOND[at] * moved
-        span = np.moveaxis(tau, 2, 1)
-        self._first, self._kept = number, (here, first / span, second / span**2, shaken)
+    def over(self, number: int, n: int) -> np.ndarray:
+        """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
+        n_samples)."""
+        return self._of(number, n)[:3]
 
-    def _evaluate(self, eta: np.ndarray) -> np.ndarray:
-        """Return unknowns (..., n_dofs, n_samples) for reduced coordinates (..., n_samples, n_eta)."""
+    def _of(self, number: int, n: int) -> np.ndarray:
+        """Return the parts of n instants from a number on, shape (4, n, n_dofs, n_samples)."""
+        first = number - self._first
+        if not 0 <= first <= self._kept.shape[1] - n:
+            self._compute(number, n)
+            first = 0
+        return self._kept[:, first : first + n]
+
+    def _compute(self, number: int, n: int) -> None:
+        n_samples = self._states.shape[2]
+        n_dofs = self._n_dofs = self._n_dofs or self._unknowns(self._states[0, 0, :1]).shape[0]
+        numbers = (1 + len(AT)) * n_dofs * n_samples
+        states = self._states[number : number + max(n, LARGEST // numbers)]
+        kept = np.empty((4, len(states), n_dofs, n_samples))
+        n_together = max(1, TOGETHER // numbers)
+        for first in range(0, len(states), n_together):
+            some = slice(first, first + n_together)
+            self._fill(states[some], kept[:, some])
+        self._first, self._kept = number, kept
+
+    def _fill(self, states: np.ndarray, kept: np.ndarray) -> None:
+        """Fill the parts of instants, (4, n, n_dofs, n_samples), for states (n, 4, n_samples, n_eta)."""
+        r = self._n_theta
+        pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
+        tau = TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2))
+        eta = np.empty((2 + len(AT), *tau.shape, states.shape[3]))
+        fill_path(states, tau, eta)
         found = self._unknowns(eta.reshape(-1, eta.shape[-1]))
-        return np.moveaxis(found.reshape(-1, *eta.shape[:-1]), 0, -2)
+        fill_motion(found.reshape(-1, *eta.shape[:-1]), tau, *kept)
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_path(states, tau, eta):
+    """Fill reduced coordinates: those of states, shaken ones, and those along the path on both sides.
+
+    Parameters
+    ----------
+    states
+        As of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
+    tau
+        Steps of the differences, shape (n, n_samples), s.
+    eta
+        Results, shape (6, n, n_samples, n_eta).
+    """
+    for k in range(tau.shape[0]):
+        for b in range(tau.shape[1]):
+            for d in range(states.shape[3]):
+                q, v, a = states[k, 0, b, d], states[k, 1, b, d], states[k, 2, b, d]
+                eta[0, k, b, d], eta[1, k, b, d] = q, q + states[k, 3, b, d]
+                for side in range(len(AT)):
+                    far = AT[side] * tau[k, b]
+                    eta[2 + side, k, b, d] = q + far * v + 0.5 * (far * far) * a
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_motion(found, tau, q, v, a, shaken):
+    """Fill the parts of instants, (n, n_dofs, n_samples), from unknowns (n_dofs, 6, n, n_samples) at `fill_path`."""
+    for k in range(tau.shape[0]):
+        for dof in range(found.shape[0]):
+            for b in range(tau.shape[1]):
+                here = found[dof, 0, k, b]
+                first, second = 0.0, HERE * here
+                for side in range(len(AT)):
+                    first += FIRST[side] * found[dof, 2 + side, k, b]
+                    second += SECOND[side] * found[dof, 2 + side, k, b]
+                q[k, dof, b], shaken[k, dof, b] = here, found[dof, 1, k, b]
+                v[k, dof, b], a[k, dof, b] = first / tau[k, b], second / tau[k, b] ** 2

@@ -90,10 +90,8 @@ class ErrorSystem:
 
     def take_steps(self, asked: StepsAsked) -> list[StepTaken]:
         """Take steps of the error; see `FullBatch.take_steps`."""
-        instants = [self._motion.at(round(end / self._interval)) for end in asked.ends]
-        return self._full.take_steps(
-            asked, np.array([[getattr(one, part) for one in instants] for part in ("q", "v", "a")])
-        )
+        first = round(asked.ends[0] / self._interval)
+        return self._full.take_steps(asked, self._motion.over(first, asked.ends.size))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""

@@ -30,7 +30,7 @@ from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at, look_at_planar_beam
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -63,8 +63,6 @@ class Validity:
     ----------
     every
         Steps of which one is looked at.
-    extremes
-        By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
 
     every = EVERY
@@ -83,14 +81,21 @@ class Validity:
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
         of_mass, of_stiffness = (
-            np.array(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))), order="C")
+            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
             for weights in (tables.mass_weights, tables.stiffness_weights)
         )
-        self._weights = side_by_side(of_mass), of_stiffness
+        self._weights = Weights.of(of_mass, system.load_weights, of_stiffness)
         self._places = Places.of(tables.samples, tables.stiffness, model.stiffness_changes)
         self._kept = Kept.nothing(self._places, -(-n_looks // self._part), n, system.n_eta)
         self._n_looks = 0
-        self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
+        self._deformed = {name: np.full(n, np.nan) for name in ("elastic_rotation", "elastic_strain")}
+
+    @property
+    def extremes(self) -> dict[str, np.ndarray]:
+        """By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known."""
+        gained, lost = self._kept.shares(self._system.n_samples)
+        found = self._deformed | {"stiffness_gained": gained, "stiffness_lost": lost}
+        return {name: found[name] for name in VALIDITY}
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
@@ -113,8 +118,6 @@ class Validity:
         forces = self._system.action_forces(times, trail)
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
-        gained, lost = self._kept.shares(self._system.n_samples)
-        self.extremes |= {"stiffness_gained": gained, "stiffness_lost": lost}
 
     def _strain(self) -> None:
         """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""
@@ -126,9 +129,9 @@ class Validity:
                 name: np.tile(np.broadcast_to(own, some.shape[1]), len(some)) for name, own in self._values.items()
             }
             found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2]), together))
-            for name, values in zip(("elastic_rotation", "elastic_strain"), found):
+            for name, values in zip(self._deformed, found):
                 values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])
-                self.extremes[name] = np.fmax(self.extremes[name], np.fmax.reduce(values, axis=0))
+                self._deformed[name] = np.fmax(self._deformed[name], np.fmax.reduce(values, axis=0))
 
 
 class BodyStrains:
@@ -171,29 +174,29 @@ class BodyStrains:
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
+            if body.is_beam and not self._spatial:
+                strain = np.fmax(strain, self._of_planar_beam(body, local, rotation))
+                continue
             moved = local[:, body.nodes]
             turned = np.linalg.norm(moved[..., 3:], axis=2) if self._spatial else np.abs(moved[..., 2])
             rotation = np.maximum(rotation, np.max(turned, axis=1))
             if body.is_beam:
-                strain = np.fmax(strain, self._strain(body, moved))
+                strain = np.fmax(strain, self._of_spatial_beam(body, moved))
         return rotation, strain
 
-    def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
+    def _of_planar_beam(self, body: Body, local: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from displacements of all nodes (n, n_nodes, 3), shape (n,); enlarge the
+        rotation."""
+        strain, angles = np.empty(len(local)), np.asarray(body.directions, dtype=float)
+        look_at_planar_beam(
+            np.ascontiguousarray(local), (body.nodes.start, body.nodes.stop), body.mesh.cells, body.mesh.lengths,
+            self._longer[body.name], angles, self._half_heights[body.name], self._curved, rotation, strain,
+        )  # fmt: skip
+        return strain
+
+    def _of_spatial_beam(self, body: Body, moved: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 6), shape (n,)."""
         half_heights, longer = self._half_heights[body.name], self._longer[body.name]
-        if not self._spatial:
-            angles, strain = np.asarray(body.directions, dtype=float), np.empty(len(moved))
-            fill_planar_strains(
-                np.ascontiguousarray(moved),
-                body.mesh.cells,
-                body.mesh.lengths,
-                longer,
-                angles,
-                half_heights,
-                self._curved,
-                strain,
-            )
-            return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
         rows = rest_strains(body.mesh.lengths, body.axes)
         rest = np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1))

@@ -80,6 +80,27 @@ class Places(NamedTuple):
         return cls(tuple(axes), *(np.ascontiguousarray(part) for part in (lower, influence, of_modes)))
 
 
+class Weights(NamedTuple):
+    """Weights of the terms of n samples, from their own parameters.
+
+    Attributes
+    ----------
+    mass, loads
+        Vectors (n_blocks, n_terms, LANES).
+    stiffness
+        Shape (n, n_terms).
+    """
+
+    mass: np.ndarray
+    loads: np.ndarray
+    stiffness: np.ndarray
+
+    @classmethod
+    def of(cls, mass: np.ndarray, loads: np.ndarray, stiffness: np.ndarray) -> Self:
+        """Pack weights, each (n, n_terms)."""
+        return cls(_side_by_side(mass), _side_by_side(loads), np.ascontiguousarray(stiffness))
+
+
 class Kept(NamedTuple):
     """What is kept of n samples in lanes, sample k in lane ``k % LANES`` of block ``k // LANES``.
 
@@ -121,7 +142,7 @@ class Kept(NamedTuple):
         return np.moveaxis(self.states, (0, 3), (1, 2)).reshape(n_parts, -1, n_eta)[:, :n]
 
 
-def side_by_side(rows: np.ndarray) -> np.ndarray:
+def _side_by_side(rows: np.ndarray) -> np.ndarray:
     """Return what is known of n samples, (n, k), as vectors (n_blocks, k, LANES)."""
     n_blocks = -(-len(rows) // LANES)
     vectors = aligned_zeros((n_blocks, rows.shape[1], LANES))
@@ -136,22 +157,30 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
     Parameters
     ----------
     weights
-        Of the mass terms, vectors (n_blocks, n_terms, LANES), and of the stiffness terms, shape (n, n_terms).
+        `Weights`.
     first, length
         Number of states of each sample that were looked at before, and in a part of the run.
     loads, forces
-        Weighted amplitudes of the load terms and forces of the actions, shapes (n_t, n, n_loads) and (n_t, n,
+        Amplitudes of the load terms, shape (n_t, n_loads), and forces of the actions with their weights, shape (n_t, n,
         n_actions).
     trail
         Positions, velocities and accelerations, shape (n_t, 3, n, n_eta).
     kept
         Moved on.
     """
-    n, n_eta = trail.shape[2], trail.shape[3]
-    r = len(places.axes)
+    n_eta, r = trail.shape[3], len(places.axes)
     q, rates, moving = empty_lanes(n_eta, LANES), empty_lanes(r, LANES), empty_lanes(r + r * (r + 1) // 2, LANES)
     loading = empty_lanes(places.influence.shape[2], LANES)
     samples = np.empty(LANES, dtype=np.int64)
+    room = samples, q, rates, moving, loading, np.empty(places.stiffness.shape[2])
+    _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room)
+
+
+@njit(error_model="numpy", counted=False)
+def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room):
+    """Look at the states block by block; see `look_at`. `room` is for what holds at one state of a block."""
+    samples, q, rates, moving, loading, own_stiffness = room
+    n, n_eta, r = trail.shape[2], trail.shape[3], len(places.axes)
     for block in range(kept.ends.shape[0]):
         for lane in range(LANES):
             samples[lane] = min(block * LANES + lane, n - 1)  # behind the last one its copies
@@ -164,14 +193,17 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
             moved = _left(ends, q)
             for lane in range(LANES):
                 if moved & (1 << lane):
-                    _come_to(_nearest(places.axes, ends, q, lane), places, weights[1][samples[lane]], lane, terms)
+                    own = weights.stiffness[samples[lane]]
+                    _come_to(_nearest(places.axes, ends, q, lane), places, own, lane, own_stiffness, terms)
             energy = _energy(terms, q, r, n_eta)
             more = exceeding(energy, load(largest, 0)) & ~differing(energy, energy)
-            store(largest, 0, blend(more, energy, load(largest, 0)))
-            for i in range(n_eta):
-                store(states, part * n_eta + i, blend(more, load(q, i), load(states, part * n_eta + i)))
+            if more:
+                store(largest, 0, blend(more, energy, load(largest, 0)))
+                for i in range(n_eta):
+                    store(states, part * n_eta + i, blend(more, load(q, i), load(states, part * n_eta + i)))
             if places.influence.shape[1] > 0:
-                _load_with(samples, weights[0][block], loads[k], forces[k], trail[k], rates, moving, loading)
+                of_block = weights.mass[block], weights.loads[block]
+                _load_with(samples, of_block, loads[k], forces[k], trail[k], rates, moving, loading)
                 _keep_shares(places.influence, places.stiffness.shape[2], terms, loading, largest)
 
 
@@ -194,6 +226,11 @@ def _nearest(axes, ends, q, lane):
         theta = q[k, lane]
         inside = lower + (theta - lower) % turn if turn > 0.0 else theta
         i = 0
+        if middles.size > 1:  # where it is among even places, and from there
+            share = (inside - middles[0]) / (middles[-1] - middles[0])
+            i = min(max(int(share * middles.size), 0), middles.size)
+        while i > 0 and not middles[i - 1] < inside:
+            i -= 1
         while i < middles.size and middles[i] < inside:
             i += 1
         from_ = middles[i - 1] if i > 0 else (lower if turn > 0.0 else -np.inf)
@@ -206,15 +243,18 @@ def _nearest(axes, ends, q, lane):
 
 
 @njit(inline="always")
-def _come_to(place, places, weights, lane, terms):
+def _come_to(place, places, weights, lane, own_stiffness, terms):
     """Keep what holds at a place for the parameters of a lane."""
     _, stiffness, influence, of_modes = places
     row = stiffness.shape[2]
+    # along the entries, which lie side by side
     for entry in range(row):
-        total = 0.0
-        for term in range(weights.size):
-            total += weights[term] * stiffness[place, term, entry]
-        terms[entry, lane] = total
+        own_stiffness[entry] = weights[0] * stiffness[place, 0, entry]
+    for term in range(1, weights.size):
+        for entry in range(row):
+            own_stiffness[entry] += weights[term] * stiffness[place, term, entry]
+    for entry in range(row):
+        terms[entry, lane] = own_stiffness[entry]
     for mode in range(influence.shape[1]):
         own = 0.0
         for term in range(weights.size):
@@ -240,21 +280,22 @@ def _energy(terms, q, r, n_eta):
 
 
 @njit(inline="always")
-def _load_with(samples, mass_weights, loads, forces, state, rates, moving, loading):
+def _load_with(samples, weights, loads, forces, state, rates, moving, loading):
     """Fill how much of every column of influences acts, vectors (n_columns, LANES), at a state (3, n, n_eta).
 
-    `mass_weights` are vectors (n_terms, LANES); `rates` and `moving` have room for the velocities of the coordinates,
-    (r, LANES), and for their accelerations and products of velocities.
+    `weights` are those of mass and load terms, vectors (n_terms, LANES); `rates` and `moving` have room for the
+    velocities of the coordinates, (r, LANES), and for their accelerations and products of velocities.
     """
-    r, n_loads, n_forces = rates.shape[0], loads.shape[1], forces.shape[1]
+    mass_weights, load_weights = weights
+    r, n_loads, n_forces = rates.shape[0], loads.size, forces.shape[1]
     for lane in range(LANES):
         sample = samples[lane]
         for k in range(r):
             rates[k, lane], moving[k, lane] = state[1, sample, k], state[2, sample, k]
-        for column in range(n_loads):
-            loading[column, lane] = loads[sample, column]
         for column in range(n_forces):
             loading[n_loads + column, lane] = forces[sample, column]
+    for column in range(n_loads):
+        store(loading, column, load(load_weights, column) * loads[column])
     row = r
     for k in range(r):
         for j in range(k + 1):
@@ -285,15 +326,19 @@ def _keep_shares(influence, row, terms, loading, largest):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def fill_planar_strains(moved, cells, lengths, longer, angles, half_heights, curved, strain):
-    """Fill the largest strain of an outermost fibre of a planar beam, (n,), NaN where one is.
+def look_at_planar_beam(local, nodes, cells, lengths, longer, angles, half_heights, curved, rotation, strain):
+    """Enlarge rotations, (n,), to the largest one of a planar beam, and fill the largest strain of an outermost fibre,
+    (n,); NaN where one is.
 
     Parameters
     ----------
-    moved
-        Displacements and rotations of its nodes in the body's frame, shape (n, n_nodes, 3).
+    local
+        Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3).
+    nodes
+        The beam's, first and behind the last.
     cells, lengths, angles
-        Nodes of every element, shape (n_elements, 2); lengths, m, and directions, rad, each of shape (n_elements,).
+        Nodes of every element, shape (n_elements, 2), counted from the beam's first; lengths, m, and directions, rad,
+        each of shape (n_elements,).
     longer
         How often these lengths one sample after the other has, or one for all.
     half_heights
@@ -301,15 +346,23 @@ def fill_planar_strains(moved, cells, lengths, longer, angles, half_heights, cur
     curved
         Whether strains are geometrically exact.
     """
-    for k in range(moved.shape[0]):
+    cos, sin = np.cos(angles), np.sin(angles)
+    for k in range(local.shape[0]):
+        for node in range(nodes[0], nodes[1]):
+            turned = abs(local[k, node, 2])
+            if turned > rotation[k] or np.isnan(turned):
+                rotation[k] = turned
         half_height, stretch, strain[k] = half_heights[k % half_heights.size], longer[k % longer.size], 0.0
         for e in range(lengths.size):
-            near, far, length, angle = moved[k, cells[e, 0]], moved[k, cells[e, 1]], stretch * lengths[e], angles[e]
-            along = length * np.cos(angle) + (far[0] - near[0]), length * np.sin(angle) + (far[1] - near[1])
+            near, far, length = nodes[0] + cells[e, 0], nodes[0] + cells[e, 1], stretch * lengths[e]
+            x = length * cos[e] + (local[k, far, 0] - local[k, near, 0])
+            y = length * sin[e] + (local[k, far, 1] - local[k, near, 1])
+            along, across = cos[e], sin[e]
             if curved:
-                angle += 0.5 * (near[2] + far[2])
-            axial = (np.cos(angle) * along[0] + np.sin(angle) * along[1]) / length - 1.0
-            here = abs(axial) + half_height * abs((far[2] - near[2]) / length)
+                angle = angles[e] + 0.5 * (local[k, near, 2] + local[k, far, 2])
+                along, across = np.cos(angle), np.sin(angle)
+            axial = (along * x + across * y) / length - 1.0
+            here = abs(axial) + half_height * abs((local[k, far, 2] - local[k, near, 2]) / length)
             if not here <= strain[k]:
                 strain[k] = here
             if np.isnan(here):

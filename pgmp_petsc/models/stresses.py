@@ -28,7 +28,6 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput, Values
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.second_order import pair_products
 from pgmp_petsc.scene import Scene
 
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
@@ -123,9 +122,7 @@ class Amplitudes:
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return them, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
-        delta = np.ascontiguousarray(eta[:, self._n_theta :])
-        factors = np.hstack([delta, pair_products(delta)]) if self.curved else delta
-        return self._shapes.product(eta[:, : self._n_theta], factors).T
+        return self._shapes.product(eta[:, : self._n_theta], eta[:, self._n_theta :]).T
 
 
 def strains_of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_banded
 
+from pgmp_petsc.reduction.cell_products import products_of, stencil_room, tensor_stencil
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil, count_rows, locate, stencil
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil
 from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, load, store
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
@@ -93,16 +93,12 @@ class Interpolant:
         return self._sum(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out)."""
-        result, cells = np.empty((len(theta), self.shape[1])), np.empty(len(theta), dtype=np.int64)
+        """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
+
+        The factors are the vectors (k, m) and, where there are more, `pair_products` of these behind them.
+        """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
-        points = self._points(theta)
-        _fill_cells(points, self.axes, cells)
-        # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
-        order = np.argsort(cells.astype(np.uint16), kind="stable")
-        work = aligned_zeros((N_ROWS**self.n_theta + sum(self.shape), LANES))
-        _fill_products(points, self.axes, table, _contiguous(vectors), cells, order, work, result)
-        return result
+        return products_of(self._points(theta), self.axes, table, _contiguous(vectors))
 
     def _sum(self, theta: np.ndarray, derivative: int) -> np.ndarray:
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
@@ -132,99 +128,16 @@ def _cell_polynomials(axis: Axis, table: np.ndarray, parts: int) -> np.ndarray:
     return result
 
 
-@njit(error_model="numpy")
-def _room():
-    return np.empty(N_ROWS, dtype=np.int64), np.empty((2, N_ROWS))
-
-
-@njit(cache=True, error_model="numpy")
-def _tensor_stencil(theta, axes, derivative, one_axis, rows, weights):
-    """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,).
-
-    The weights are those of the value, or of the derivative with the coordinate of that number. `one_axis` is room for
-    rows and weights along an axis (`_room`): to make it anew would take longer than to fill it.
-    """
-    along, chosen = one_axis
-    rows[0], weights[0] = 0, 1.0
-    n_filled = 1
-    for k in range(len(axes)):
-        stencil(theta[k], axes[k], along, chosen[0], chosen[1])
-        which = 1 if k == derivative else 0
-        # from the last on, in place: each row makes four
-        for i in range(n_filled - 1, -1, -1):
-            row, weight = rows[i] * count_rows(axes[k]), weights[i]
-            for j in range(N_ROWS):
-                rows[N_ROWS * i + j] = row + along[j]
-                weights[N_ROWS * i + j] = weight * chosen[which, j]
-        n_filled *= N_ROWS
-
-
 @njit(cache=True, error_model="numpy")
 def _add_rows(theta, axes, derivative, table, result):
     """Add the interpolated rows of a table (n_rows, size), or a derivative of them, to result (k, size)."""
     n_rows = N_ROWS ** len(axes)
-    one_axis, rows, weights = _room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
+    one_axis, rows, weights = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
     for k in range(theta.shape[0]):
-        _tensor_stencil(theta[k], axes, derivative, one_axis, rows, weights)
+        tensor_stencil(theta[k], axes, derivative, one_axis, rows, weights)
         for r in range(n_rows):
             for e in range(table.shape[1]):
                 result[k, e] += weights[r] * table[rows[r], e]
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_cells(theta, axes, cells):
-    """Fill the number of the cell of every theta, (k, n_theta)."""
-    for k in range(theta.shape[0]):
-        cells[k] = 0
-        for axis in range(len(axes)):
-            cell, _ = locate(theta[k, axis], axes[axis])
-            n_cells = axes[axis].n if axes[axis].periodic else axes[axis].n - 1
-            cells[k] = cells[k] * n_cells + cell % n_cells
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_products(theta, axes, table, vectors, cells, order, work, result):
-    """Fill vectors (k, n_in) times the interpolated matrices of a table (n_rows, n_in, n_out), (k, n_out).
-
-    LANES of them from the same cell go together, so that the table is loaded once; `order` puts equal cells (k,) side
-    by side. A product is the same to the last bit whatever is computed beside it. `work` has room for weights, factors
-    and products, vectors (4**n_theta + n_in + n_out, LANES).
-    """
-    n_rows, first, n_in = N_ROWS ** len(axes), 0, table.shape[1]
-    of_rows, factors, products = work[:n_rows], work[n_rows : n_rows + n_in], work[n_rows + n_in :]
-    one_axis, rows, weights = _room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
-    while first < order.size:
-        behind = first + 1
-        while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
-            behind += 1
-        for lane in range(LANES):
-            k = order[min(first + lane, behind - 1)]
-            _tensor_stencil(theta[k], axes, -1, one_axis, rows, weights)
-            for r in range(n_rows):
-                of_rows[r, lane] = weights[r]
-            for i in range(n_in):
-                factors[i, lane] = vectors[k, i]
-        _multiply(rows, table, of_rows, factors, products)
-        for lane in range(behind - first):
-            for j in range(table.shape[2]):
-                result[order[first + lane], j] = products[j, lane]
-        first = behind
-
-
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _multiply(rows, table, weights, factors, products):
-    """Fill the products of one cell, whose rows are given; four of them in one pass."""
-    for j in range(table.shape[2]):
-        store(products, j, 0.0)
-    for r in range(0, rows.size, N_ROWS):
-        row_0, row_1, row_2, row_3 = table[rows[r]], table[rows[r + 1]], table[rows[r + 2]], table[rows[r + 3]]
-        for i in range(table.shape[1]):
-            x = load(factors, i)
-            x_0, x_1 = x * load(weights, r), x * load(weights, r + 1)
-            x_2, x_3 = x * load(weights, r + 2), x * load(weights, r + 3)
-            for j in range(table.shape[2]):
-                total = load(products, j) + x_0 * row_0[i, j] + x_1 * row_1[i, j]
-                store(products, j, total + x_2 * row_2[i, j] + x_3 * row_3[i, j])
 
 
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -85,18 +84,27 @@ class Reconstruction:
     def unknowns(self, eta: np.ndarray) -> np.ndarray:
         """Return positions, in space with directors, and internal coordinates as a full-order model numbers them, shape
         (n_dofs, n); see `mechanism.unknowns`."""
-        local = self._displacements(eta)
-        frames = self._frames(eta, local)[:, : self._space.n_pose]
-        return np.concatenate([frames.reshape(-1, len(eta)), local[:, self._n_nodal :].T])
+        local, n_pose = self._displacements(eta), self._space.n_pose
+        n_of_frames = n_pose * self._nodes.size
+        found = np.empty((n_of_frames + local.shape[1] - self._n_nodal, len(eta)))
+        self._fill_frames(eta, local, found[:n_of_frames].reshape(self._nodes.size, n_pose, len(eta)))
+        found[n_of_frames:] = local[:, self._n_nodal :].T
+        return found
 
     def _frames(self, eta: np.ndarray, local: np.ndarray) -> np.ndarray:
+        n_theta = self._kinematics.n_coordinates if self._space is SPATIAL else 0
+        frames = np.empty((self._nodes.size, self._space.n_pose + n_theta, len(eta)))
+        self._fill_frames(eta, local, frames)
+        return frames
+
+    def _fill_frames(self, eta: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
+        """Fill frames (n_nodes, n_pose, n), in space with the rigid coordinates behind where there is room."""
         theta = eta[:, : self._kinematics.n_coordinates]
         poses = self._kinematics.poses(theta)
         if self._space is SPATIAL:
-            return self._in_space(theta, poses, local[:, : self._n_nodal])
-        frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
-        _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
-        return frames
+            self._fill_in_space(theta, poses, local[:, : self._n_nodal], frames)
+        else:
+            _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
 
     def local(self, eta: np.ndarray) -> np.ndarray:
         """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
@@ -125,24 +133,20 @@ class Reconstruction:
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates
-        delta = np.ascontiguousarray(eta[:, n_theta:])
-        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        return self._shapes.product(eta[:, :n_theta], factors)
+        return self._shapes.product(eta[:, :n_theta], eta[:, n_theta:])
 
-    def _in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
-        """Return frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
+    def _fill_in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
+        """Fill frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
         from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
 
-        n, n_theta = theta.shape
+        n = len(theta)
         moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
-        frames = np.empty((self._nodes.size, SPATIAL.n_pose + n_theta, n))
         for node, (body, point) in enumerate(zip(self._bodies, self._points)):
             axes = poses[body, 3:].reshape(3, 3, n)
             frames[node, :3] = poses[body, :3] + np.einsum("nk,kcn->cn", point + moved[:, node, :3], axes)
             turn = Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
             frames[node, 3:12] = np.einsum("njk,jcn->kcn", turn, axes).reshape(9, n)
-        frames[:, 12:] = theta.T
-        return frames
+        frames[:, 12:] = theta.T[: frames.shape[1] - 12]
 
 
 @njit(cache=True, error_model="numpy")

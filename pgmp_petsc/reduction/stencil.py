@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import add, floor, load, store
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1
@@ -104,16 +105,32 @@ def cell_stencil(cell, s, axis, rows, weights, slopes):
             rows[k] = min(max(rows[k], 0), n - 1)
 
 
-@njit(cache=True, error_model="numpy")
-def _overhauser(s, step, weights, slopes):
-    """Weights of A[i-1..i+2] at s of the cell i, tangents ``(A[i+1] - A[i-1]) / 2`` with respect to s."""
+@njit(error_model="numpy", counted=False)
+def _overhauser_values(s):
+    """Return the four weights of `_overhauser`, at a place or a vector of places."""
     s2, s3 = s * s, s * s * s
     value_1 = 3.0 * s2 - 2.0 * s3
     tangent_0, tangent_1 = s - 2.0 * s2 + s3, s3 - s2
-    weights[0] = -0.5 * tangent_0
-    weights[1] = 1.0 - value_1 - 0.5 * tangent_1
-    weights[2] = value_1 + 0.5 * tangent_0
-    weights[3] = 0.5 * tangent_1
+    return -0.5 * tangent_0, 1.0 - value_1 - 0.5 * tangent_1, value_1 + 0.5 * tangent_0, 0.5 * tangent_1
+
+
+@njit(error_model="numpy", counted=False)
+def _b_spline_values(s):
+    """Return the four weights of `_b_spline`, at a place or a vector of places."""
+    t = 1.0 - s
+    return (
+        t * t * t / 6.0,
+        (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+        (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+        s * s * s / 6.0,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _overhauser(s, step, weights, slopes):
+    """Weights of A[i-1..i+2] at s of the cell i, tangents ``(A[i+1] - A[i-1]) / 2`` with respect to s."""
+    s2 = s * s
+    weights[0], weights[1], weights[2], weights[3] = _overhauser_values(s)
     rate_1 = 6.0 * s - 6.0 * s2
     rate_t0, rate_t1 = 1.0 - 4.0 * s + 3.0 * s2, 3.0 * s2 - 2.0 * s
     slopes[0] = -0.5 * rate_t0 / step
@@ -140,11 +157,39 @@ def _extrapolate(outside, end, second, third, weights, slopes):
 def _b_spline(s, step, weights, slopes):
     """Uniform cubic B-splines: weights of four consecutive coefficients at s of a cell."""
     t = 1.0 - s
-    weights[0] = t * t * t / 6.0
-    weights[1] = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
-    weights[2] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
-    weights[3] = s * s * s / 6.0
+    weights[0], weights[1], weights[2], weights[3] = _b_spline_values(s)
     slopes[0] = -0.5 * t * t / step
     slopes[1] = (-2.0 * s + 1.5 * s * s) / step
     slopes[2] = (2.0 * t - 1.5 * t * t) / step
     slopes[3] = 0.5 * s * s / step
+
+
+@njit(error_model="numpy", counted=False)
+def lane_stencil(cell, axis, lanes):
+    """Replace thetas of one cell, the first of four vectors (4, LANES), by the weights of the cell's rows.
+
+    The weights are those of `stencil` to the last bit.
+    """
+    position = (load(lanes, 0) - axis.lower) / axis.step
+    if axis.periodic:
+        s = position - floor(position)
+    else:
+        s = position - float(cell)
+    values = _b_spline_values(s) if axis.basis == B_SPLINE else _overhauser_values(s)
+    for k in range(N_ROWS):
+        store(lanes, k, values[k])
+    if axis.basis == OVERHAUSER and not axis.periodic:
+        if cell == 0:
+            _extrapolate_lanes(0, 1, 2, 3, lanes)
+        if cell == axis.n - 2:
+            _extrapolate_lanes(3, 2, 1, 0, lanes)
+
+
+@njit(error_model="numpy", counted=False)
+def _extrapolate_lanes(outside, end, second, third, lanes):
+    """Do what `_extrapolate` does to weights side by side."""
+    lost = load(lanes, outside)
+    store(lanes, outside, 0.0)
+    add(lanes, end, 3.0 * lost)
+    add(lanes, second, -3.0 * lost)
+    add(lanes, third, lost)

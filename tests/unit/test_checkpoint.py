@@ -15,6 +15,7 @@ import pytest
 from pgmp_petsc.ensemble.batch import Batch, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.runtime import checkpoint_folder
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.seal import SIZE as SEAL
 
@@ -75,10 +76,10 @@ def piece(checkpoint: Checkpoint, first: int) -> Path:
 
 
 def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
-    checkpoint = started(plan, 8, 0, 4)
-    found = list(checkpoint.batches())
-    assert [one.first for one in found] == [0, 4, 8]
-    for one in found:
+    written = started(plan, 8, 0, 4)
+    at_hand, read = list(written.batches()), list(taken_up(plan).batches())
+    assert [one.first for one in at_hand] == [one.first for one in read] == [0, 4, 8]
+    for one in (*at_hand, *read):
         expected = batch(one.first)
         for name in ("parameters", "outputs", "errors", "errors_at_end", "validity"):
             assert getattr(one, name).keys() == getattr(expected, name).keys()
@@ -257,6 +258,29 @@ def test_samples_that_are_missing_or_damaged_at_the_end_are_no_result(plan: Plan
     piece(checkpoint, 4).write_bytes(b"x")
     with pytest.raises(RunError, match="damaged during the run: it has no seal"):
         list(checkpoint.batches())
+
+
+def test_what_a_process_has_just_written_it_need_not_read(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same batches, and the files all the same; a piece that was written to is read, whatever is at hand."""
+
+    def refuse(path: Path) -> None:
+        raise AssertionError(f"{path} was read")
+
+    size = piece(started(plan, 0), 0).stat().st_size
+    monkeypatch.setattr(checkpoint_folder, "AT_HAND", int(1.5 * size))  # the first piece
+    checkpoint = started(plan, 0, 4, 8)
+    read = list(taken_up(plan).batches())
+    for one, other in zip(checkpoint.batches(), read, strict=True):
+        assert one.first == other.first
+        np.testing.assert_array_equal(one.status, other.status)
+        for name, values in other.outputs.items():
+            np.testing.assert_array_equal(one.outputs[name], values)
+    monkeypatch.setattr(checkpoint_folder, "check_seal", refuse)
+    assert next(checkpoint.batches()).first == 0
+    with pytest.raises(AssertionError, match="samples_000000004.npz was read"):
+        list(checkpoint.batches())
+    with pytest.raises(ValueError, match="read-only"):
+        next(checkpoint.batches()).outputs["angle"][0] = 1.0
 
 
 def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:

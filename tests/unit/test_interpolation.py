@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.second_order import pair_products
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil
 
 PERIODIC = [True, False]
@@ -308,3 +309,19 @@ def test_tables_of_any_shape(scheme: str, shape: tuple[int, ...]) -> None:
         samples = samples_for(scheme, 0.0, 1.0, 6, periodic)
         found = interpolant(samples, random_table(6, *shape), scheme)
         assert found(np.array([0.2, 0.3])).shape == found.slope(np.array([0.2, 0.3])).shape == (2, *shape)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_products_are_of_the_values(scheme: str, periodic: bool) -> None:
+    """With all factors given, and with products of pairs behind the vectors; also beyond the ends of a range."""
+    samples = samples_for(scheme, LOWER, UPPER, 12, periodic)
+    found = interpolant(samples, random_table(12, 9, 4), scheme)
+    theta = np.linspace(LOWER - 0.1, UPPER + 0.1, 157)
+    vectors = np.random.default_rng(1).normal(size=(theta.size, 3))
+    factors = np.hstack([vectors, pair_products(vectors)])
+    expected = np.einsum("ki,kij->kj", factors, found(theta))
+    # sums of 36 numbers, up to 1e4 of a polynomial beyond its ends
+    tolerance = 1e-13 * (1.0 + np.abs(expected).max())
+    np.testing.assert_allclose(found.product(theta, factors), expected, rtol=0, atol=tolerance)
+    np.testing.assert_array_equal(found.product(theta, vectors), found.product(theta, factors))

@@ -87,3 +87,5 @@ def test_instants_do_not_depend_on_what_is_computed_together(
     for number in (0, 1, 5, 2):
         np.testing.assert_array_equal(alone.at(number).q, expected[number].q)
         np.testing.assert_allclose(alone.at(number).a, expected[number].a, rtol=1e-12)
+    np.testing.assert_array_equal(alone.over(1, 4)[0], [expected[number].q for number in range(1, 5)])
+    np.testing.assert_array_equal(alone.over(3, 2)[2], alone.over(2, 4)[2, 1:3])

@@ -15,7 +15,7 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.indicator.coverage import absence_of_estimates, left_out_of_estimates
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
@@ -168,17 +168,17 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
     pairs = r * (r + 1) // 2
     influence = random.normal(size=(grid.n, 2, 1 + 1 + n_terms * (r + pairs)))
     changes = StiffnessChanges(influence, random.uniform(1.0, 2.0, size=(grid.n, n_terms, 2)))
-    weights = random.uniform(0.5, 2.0, size=(2, n, n_terms))
+    weights, load_weights = random.uniform(0.5, 2.0, size=(2, n, n_terms)), random.uniform(0.5, 2.0, size=(n, 1))
     trail = random.normal(size=(n_t, 3, n, r + m))
     trail[:, 0, :, :r] = np.cumsum(0.4 * trail[:, 0, :, :r], axis=0)
-    loads, forces = random.normal(size=(2, n_t, n, 1))
+    loads, forces = random.normal(size=(n_t, 1)), random.normal(size=(n_t, n, 1))
     places = Places.of(grid, stiffness, changes)
 
     def looked_at(samples: np.ndarray, *parts: int) -> Kept:
         kept = Kept.nothing(places, n_parts, samples.size, r + m)
-        own = side_by_side(weights[0, samples]), np.ascontiguousarray(weights[1, samples])
+        own = Weights.of(weights[0, samples], load_weights[samples], weights[1, samples])
         for some in np.split(np.arange(n_t), parts):
-            seen = (np.ascontiguousarray(part[some][:, samples]) for part in (loads, forces))
+            seen = loads[some], np.ascontiguousarray(forces[some][:, samples])
             look_at(places, own, some[0], length, *seen, np.ascontiguousarray(trail[some][:, :, samples]), kept)
         return kept
 
@@ -194,7 +194,7 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
         k, j = np.tril_indices(r)
         moving = np.hstack([a, v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)])
         inertia = [weight * moving for weight in weights[0, sample]]
-        loading = np.hstack([loads[:, sample], forces[:, sample], *inertia])
+        loading = np.hstack([loads * load_weights[sample], forces[:, sample], *inertia])
         shares = np.einsum("nkc,nc->nk", influence[nearest], loading)
         shares /= np.einsum("t,ntk->nk", weights[1, sample], changes.stiffness[nearest])
         gained, lost = (part[sample] for part in found.shares(n))
@@ -235,13 +235,13 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
                 expected.append(float(change @ modes.flexible[:, k]) / modes.eigenvalues[k])
             trail = np.zeros((1, 3, 1, 1 + rom.tables.n_modes))
             trail[0, :, 0, 0] = modes.theta[0], v[0, 0], a[0, 0]
-            acting = (of_loads * amplitudes)[None], np.zeros((1, 1, rom_actions(scene)))
+            acting = amplitudes[None], np.zeros((1, 1, rom_actions(scene)))
             changes, found = rom.stiffness_changes, []
             for k in range(3):
                 one = StiffnessChanges(changes.influence[:, k : k + 1], changes.stiffness[:, :, k : k + 1])
                 places = Places.of(rom.tables.samples, rom.tables.stiffness, one)
                 kept = Kept.nothing(places, 1, 1, trail.shape[3])
-                look_at(places, (side_by_side(of_mass), of_stiffness), 0, 1, *acting, trail, kept)
+                look_at(places, Weights.of(of_mass, of_loads, of_stiffness), 0, 1, *acting, trail, kept)
                 found.append(np.sum(kept.shares(1)))  # one of them is zero
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
 

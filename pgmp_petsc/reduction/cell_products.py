@@ -1,0 +1,155 @@
+"""Vectors times interpolated matrices at many configurations, compiled, LANES of one cell side by side.
+
+    y_k = sum_r w_r(theta_k) f_k T_r
+
+with the rows T_r of a table that belong to the cell of theta_k, and the weights of `stencil`, on a tensor grid products
+of one along each axis. Where a cell has many configurations, each row is loaded once for LANES of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.reduction.stencil import N_ROWS, Axis, count_rows, lane_stencil, locate, stencil
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, load, store
+
+
+def products_of(theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return factors (k, n_in) times interpolated matrices, shape (k, n_out).
+
+    Parameters
+    ----------
+    theta
+        Configurations, shape (k, n_theta), rad.
+    axes, table
+        Grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out).
+    vectors
+        The first factors, shape (k, m); where there are more, they are `pair_products` of these.
+    """
+    (_, n_in, n_out), cells = table.shape, np.empty(len(theta), dtype=np.int64)
+    result = np.empty((len(theta), n_out))
+    _fill_cells(theta, axes, cells)
+    # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
+    order = np.argsort(cells.astype(np.uint16), kind="stable")
+    work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
+    _fill_products(theta, axes, table, vectors, cells, order, work, result)
+    return result
+
+
+@njit(error_model="numpy")
+def stencil_room():
+    """Return room for rows and weights along an axis."""
+    return np.empty(N_ROWS, dtype=np.int64), np.empty((2, N_ROWS))
+
+
+@njit(cache=True, error_model="numpy", counted=False)
+def tensor_stencil(theta, axes, derivative, one_axis, rows, weights):
+    """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,).
+
+    The weights are those of the value, or of the derivative with the coordinate of that number. `one_axis` is room for
+    rows and weights along an axis (`stencil_room`): to make it anew would take longer than to fill it.
+    """
+    along, chosen = one_axis
+    rows[0], weights[0] = 0, 1.0
+    n_filled = 1
+    for k in range(len(axes)):
+        stencil(theta[k], axes[k], along, chosen[0], chosen[1])
+        which = 1 if k == derivative else 0
+        # from the last on, in place: each row makes four
+        for i in range(n_filled - 1, -1, -1):
+            row, weight = rows[i] * count_rows(axes[k]), weights[i]
+            for j in range(N_ROWS):
+                rows[N_ROWS * i + j] = row + along[j]
+                weights[N_ROWS * i + j] = weight * chosen[which, j]
+        n_filled *= N_ROWS
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_cells(theta, axes, cells):
+    """Fill the number of the cell of every theta, (k, n_theta)."""
+    for k in range(theta.shape[0]):
+        cells[k] = 0
+        for axis in range(len(axes)):
+            cell, _ = locate(theta[k, axis], axes[axis])
+            n_cells = axes[axis].n if axes[axis].periodic else axes[axis].n - 1
+            cells[k] = cells[k] * n_cells + cell % n_cells
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_products(theta, axes, table, vectors, cells, order, work, result):
+    """Fill the products of `products_of`; `order` puts equal cells (k,) side by side.
+
+    A product is the same to the last bit whatever is computed beside it. `work` has room for the weights of rows, those
+    along an axis, factors and products, vectors (4**n_theta, LANES), (4, LANES), (n_in, LANES), (n_out, LANES).
+    """
+    n_rows = N_ROWS ** len(axes)
+    room = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
+    _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result)
+
+
+@njit(error_model="numpy", counted=False)
+def _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result):
+    """Fill the products cell by cell; see `_fill_products`. `room` is that of `tensor_stencil`."""
+    (one_axis, rows, weights), (of_rows, along, factors, products) = room, work
+    first, n_in, m = 0, table.shape[1], vectors.shape[1]
+    while first < order.size:
+        behind = first + 1
+        while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
+            behind += 1
+        together = order[first:behind]
+        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, weights)
+        _fill_weights(theta, axes, together, along, of_rows)
+        for lane in range(together.size):
+            for i in range(m):
+                factors[i, lane] = vectors[together[lane], i]
+        if n_in > m:
+            _multiply_pairs(m, factors)
+        _multiply(rows, table, of_rows, factors, products)
+        for lane in range(together.size):
+            for j in range(table.shape[2]):
+                result[together[lane], j] = products[j, lane]
+        first = behind
+
+
+@njit(error_model="numpy", counted=False)
+def _fill_weights(theta, axes, together, along, weights):
+    """Fill the weights of the rows of a cell for some of its configurations side by side; see `tensor_stencil`."""
+    store(weights, 0, 1.0)
+    n_filled = 1
+    for k in range(len(axes)):
+        for lane in range(together.size):
+            along[0, lane] = theta[together[lane], k]
+        cell, _ = locate(along[0, 0], axes[k])
+        lane_stencil(cell, axes[k], along)
+        for i in range(n_filled - 1, -1, -1):
+            weight = load(weights, i)
+            for j in range(N_ROWS):
+                store(weights, N_ROWS * i + j, weight * load(along, j))
+        n_filled *= N_ROWS
+
+
+@njit(error_model="numpy", counted=False)
+def _multiply_pairs(m, factors):
+    """Fill the factors behind the first m with `pair_products` of these."""
+    pair = m
+    for i in range(m):
+        for j in range(i + 1):
+            store(factors, pair, (0.5 if i == j else 1.0) * load(factors, i) * load(factors, j))
+            pair += 1
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _multiply(rows, table, weights, factors, products):
+    """Fill the products of one cell, whose rows are given; four of them in one pass."""
+    for j in range(table.shape[2]):
+        store(products, j, 0.0)
+    for r in range(0, rows.size, N_ROWS):
+        row_0, row_1, row_2, row_3 = table[rows[r]], table[rows[r + 1]], table[rows[r + 2]], table[rows[r + 3]]
+        for i in range(table.shape[1]):
+            x = load(factors, i)
+            x_0, x_1 = x * load(weights, r), x * load(weights, r + 1)
+            x_2, x_3 = x * load(weights, r + 2), x * load(weights, r + 3)
+            for j in range(table.shape[2]):
+                total = load(products, j) + x_0 * row_0[i, j] + x_1 * row_1[i, j]
+                store(products, j, total + x_2 * row_2[i, j] + x_3 * row_3[i, j])
