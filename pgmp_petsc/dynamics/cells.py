@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-from pgmp_petsc.runtime.vectors import absolute, blend, exceeding, floor, larger, load, spread, store
+from pgmp_petsc.runtime.vectors import absolute, blend, exceeding, floor, larger, load, number_at, spread, store
 from pgmp_petsc.runtime.compiled import njit
 
 FURTHEST = 1e9  # rad
@@ -72,10 +72,12 @@ def refill(table, cell, weights, slots, first, end, lanes, kept):
         behind = t
         while behind < slots.size and slots[behind] == slots[t]:
             behind += 1
-        into = slots[t] * table.shape[2]
+        into, start = slots[t] * table.shape[2], (cell * table.shape[1] + t) * table.shape[2]
         for c in range(first, end):
-            total = load(weights, t) * table[cell, t, c]
+            at = start + c
+            total = load(weights, t) * number_at(table, at)
             for term in range(t + 1, behind):
-                total += load(weights, term) * table[cell, term, c]
+                at += table.shape[2]
+                total += load(weights, term) * number_at(table, at)
             store(kept, into + c, blend(lanes, total, load(kept, into + c)))
         t = behind

@@ -139,6 +139,17 @@ def load(typing, array, row):
 
 
 @intrinsic
+def number_at(typing, array, at):
+    """Return a number of a contiguous array, all of its axes counting as one."""
+
+    def build(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return builder.load(builder.gep(data, [args[1]]))
+
+    return types.float64(array, types.intp), build
+
+
+@intrinsic
 def store(typing, array, row, x):
     """Put a vector into a row; a number goes to all lanes."""
 
