@@ -29,12 +29,13 @@ def _join_skew(factor, skew, m):
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _factorise(matrix, r, m):
-    """Replace S by L and U, with ``D^-1`` on the diagonal of L, C by ``L^-1 C`` and R by ``R U^-1 D^-1``.
+    """Replace S by L and U, with ``D^-1`` on the diagonal of L, C by ``L^-1 C``, R by ``R U^-1 D^-1``
+    and s by ``s - R S^-1 C``.
 
     Every column of L is taken off all that lies behind it at once: these differences do not wait for each other, as
     sums over the columns before an entry would.
     """
-    lower, upper, column, row = matrix.factor, upper_of(matrix), matrix.column, matrix.row
+    lower, upper, column, row, corner = matrix.factor, upper_of(matrix), matrix.column, matrix.row, matrix.corner
     is_skewed = matrix.skew.shape[0] > 0
     for k in range(m):
         diagonal = k * (k + 3) // 2
@@ -66,6 +67,10 @@ def _factorise(matrix, r, m):
                 store(row, first + j, load(row, first + j) - from_row * load(upper, at))
                 at += j + 1
             store(row, first + k, from_row * inverse)
+        for h in range(r):
+            for g in range(r):
+                into = h * r + g
+                store(corner, into, load(corner, into) - load(row, h * m + k) * load(column, g * m + k))
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
@@ -86,16 +91,10 @@ def _invert(corner, r):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def eliminate(matrix, r, m):
-    """Factorise ``[[s, R], [C, S]]``: S as `_factorise` says, with C and R, and s becomes ``(s - R S^-1 C)^-1``."""
+    """Factorise ``[[s, R], [C, S]]`` as `_factorise` says; s becomes ``(s - R S^-1 C)^-1``."""
     if matrix.skew.shape[0] > 0:
         _join_skew(matrix.factor, matrix.skew, m)
     _factorise(matrix, r, m)
-    for k in range(r):
-        for j in range(r):
-            total = load(matrix.corner, k * r + j)
-            for i in range(m):
-                total -= load(matrix.row, k * m + i) * load(matrix.column, j * m + i)
-            store(matrix.corner, k * r + j, total)
     _invert(matrix.corner, r)
 
 
