@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
 # Steps of the scheme in one of the TS. What surrounds one takes the time of some hundred steps of a single sample in
-# compiled code, so that few samples go further at once; positions, velocities and accelerations of many that are written
-# down are to stay in the cache. Where Python goes from step to step more gain nothing.
+# compiled code, so that few samples go further at once; of many, the positions, velocities and accelerations that are
+# written down are to stay in the cache. Where Python goes from step to step more gain nothing.
 AT_ONCE, MOST_AT_ONCE = 50, 4000
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart

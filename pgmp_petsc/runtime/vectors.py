@@ -185,7 +185,7 @@ def _unary(name: str) -> Callable:
     return function
 
 
-square_root, floor, absolute = _unary("sqrt"), _unary("floor"), _unary("fabs")
+floor, absolute = _unary("floor"), _unary("fabs")
 
 
 @intrinsic
