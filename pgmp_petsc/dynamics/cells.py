@@ -10,7 +10,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-from pgmp_petsc.runtime.vectors import absolute, blend, exceeding, floor, larger, load, spread, store
+from pgmp_petsc.runtime.vectors import (
+    N_POWERS,
+    absolute,
+    blend,
+    exceeding,
+    floor,
+    larger,
+    load,
+    number_at,
+    spread,
+    store,
+)
 from pgmp_petsc.runtime.compiled import njit
 
 FURTHEST = 1e9  # rad
@@ -48,6 +59,12 @@ def locate_all(q, grid, place):
     return number
 
 
+@njit(inline="always")
+def _put(kept, row, lanes, x):
+    """Put some lanes of a vector into a row."""
+    store(kept, row, blend(lanes, x, load(kept, row)))
+
+
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def refill(table, cell, weights, slots, first, end, lanes, kept):
     """Put the weighted sums of a cell's terms into some lanes of kept polynomials.
@@ -61,7 +78,7 @@ def refill(table, cell, weights, slots, first, end, lanes, kept):
     slots
         Which group of coefficients each term is added to, in increasing order, shape (n_terms,).
     first, end
-        Coefficients to fill.
+        Coefficients to fill, multiples of N_POWERS: so many have their sums side by side.
     lanes
         The lanes that enter the cell.
     kept
@@ -72,10 +89,17 @@ def refill(table, cell, weights, slots, first, end, lanes, kept):
         behind = t
         while behind < slots.size and slots[behind] == slots[t]:
             behind += 1
-        into = slots[t] * table.shape[2]
-        for c in range(first, end):
-            total = load(weights, t) * table[cell, t, c]
+        into, start = slots[t] * table.shape[2], (cell * table.shape[1] + t) * table.shape[2]
+        for c in range(first, end, N_POWERS):
+            at, weight = start + c, load(weights, t)
+            one, two = number_at(table, at) * weight, number_at(table, at + 1) * weight
+            three, four = number_at(table, at + 2) * weight, number_at(table, at + 3) * weight
             for term in range(t + 1, behind):
-                total += load(weights, term) * table[cell, term, c]
-            store(kept, into + c, blend(lanes, total, load(kept, into + c)))
+                at, weight = at + table.shape[2], load(weights, term)
+                one, two = one + number_at(table, at) * weight, two + number_at(table, at + 1) * weight
+                three, four = three + number_at(table, at + 2) * weight, four + number_at(table, at + 3) * weight
+            _put(kept, into + c, lanes, one)
+            _put(kept, into + c + 1, lanes, two)
+            _put(kept, into + c + 2, lanes, three)
+            _put(kept, into + c + 3, lanes, four)
         t = behind

@@ -43,10 +43,11 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
 # Steps of the scheme in one of the TS. What surrounds one takes the time of some hundred steps of a single sample in
-# compiled code, so that few samples go further at once; positions, velocities and accelerations of many are to stay in
-# the cache. Where Python goes from step to step more gain nothing.
+# compiled code, so that few samples go further at once; of many, the positions, velocities and accelerations that are
+# written down are to stay in the cache. Where Python goes from step to step more gain nothing.
 AT_ONCE, MOST_AT_ONCE = 50, 4000
-LARGEST = 2**19  # numbers of all samples and steps
+LARGEST = 2**19  # numbers that are written down, of all samples and steps
+FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 
 
 class Observer(Protocol):
@@ -305,11 +306,12 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
     return times
 
 
-def steps_at_once(system: SecondOrderSystem) -> int:
+def steps_at_once(system: SecondOrderSystem, observer: Observer | None) -> int:
     """Return how many steps of the scheme make one of the TS where PETSc does not look; the same on all ranks."""
     if not hasattr(system, "advance"):
         return min(AT_ONCE, MOST_AT_ONCE)
-    return min(max(1, LARGEST // (3 * system.n_samples * system.n_eta)), MOST_AT_ONCE)
+    largest = FURTHEST if observer is None else min(LARGEST * getattr(observer, "every", 1), FURTHEST)
+    return min(max(1, largest // (3 * system.n_samples * system.n_eta)), MOST_AT_ONCE)
 
 
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
@@ -355,7 +357,7 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    stops = stops_of(n_steps, steps_at_once(system), prefix)
+    stops = stops_of(n_steps, steps_at_once(system, observer), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here().drive(stepper, system.comm, prefix)

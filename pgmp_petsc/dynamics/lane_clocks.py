@@ -90,9 +90,12 @@ def _go_at(scheme, step, lane, pace):
     pace[GAIN_A, lane] = (1.0 - alpha_m) / ((1.0 - alpha_f) * beta * (step * step))
 
 
-@njit(error_model="numpy", counted=False)
+@njit(error_model="numpy", forceinline=True, counted=False)
 def set_out(strengths, functions, scheme, steps, lanes, n_steps, expected, clocks):
-    """Find what acts on some lanes at the ends of their steps, or of parts of them, and what to expect of Newton."""
+    """Find what acts on some lanes at the ends of their steps, or of parts of them, and what to expect of Newton.
+
+    It is inlined: to hand its arguments on took as long as what it does in most steps.
+    """
     first, ends, _ = steps
     search, now = clocks.search, clocks.strengths
     for lane in range(LANES):
@@ -111,15 +114,17 @@ def set_out(strengths, functions, scheme, steps, lanes, n_steps, expected, clock
             for k in range(now.motions.shape[0]):
                 now.motions[k, lane] = strengths.motions[number, k]
         else:
-            time = ends[number] - search.left[lane] + duration
-            for k in range(now.loads.shape[0]):
-                now.loads[k, lane] = evaluate(functions.loads, k, time)[0]
-            for k in range(now.actions.shape[0]):
-                now.actions[k, lane] = evaluate(functions.actions, k, time)[0]
-            for k in range(now.motions.shape[0] // 3):
-                value, rate, second = evaluate(functions.motions, k, time)
-                now.motions[3 * k, lane], now.motions[3 * k + 1, lane], now.motions[3 * k + 2, lane] = (
-                    value,
-                    rate,
-                    second,
-                )
+            _find_between(functions, ends[number] - search.left[lane] + duration, lane, now)
+
+
+@njit(error_model="numpy", counted=False)
+def _find_between(functions, time, lane, now):
+    """Find what acts on a lane at a time within a step."""
+    for k in range(now.loads.shape[0]):
+        now.loads[k, lane] = evaluate(functions.loads, k, time)[0]
+    for k in range(now.actions.shape[0]):
+        now.actions[k, lane] = evaluate(functions.actions, k, time)[0]
+    for k in range(now.motions.shape[0] // 3):
+        motion = evaluate(functions.motions, k, time)
+        for derivative in range(3):
+            now.motions[3 * k + derivative, lane] = motion[derivative]

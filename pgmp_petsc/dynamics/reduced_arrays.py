@@ -81,8 +81,6 @@ class Work(NamedTuple):
         Products of a matrix with delta and with delta', n_delta each.
     kept_a
         Accelerations of the iterate, n_eta.
-    refined
-        What refines a correction, n_eta.
     place
         In the cells, n_theta, rad.
     """
@@ -103,7 +101,6 @@ class Work(NamedTuple):
     along: np.ndarray
     across: np.ndarray
     kept_a: np.ndarray
-    refined: np.ndarray
     place: np.ndarray
 
 
@@ -113,13 +110,14 @@ class Matrix(NamedTuple):
     Attributes
     ----------
     factor
-        Symmetric part of the flexible block, packed, or its factors.
+        Symmetric part of the flexible block, packed, or the lower one of its factors.
     corner
         ``d r_k / d theta_j``, row by row; n_theta^2 entries.
     column, row
         ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
     skew
-        Skew part of the flexible block, packed; no entries without terms of second order.
+        Skew part of the flexible block, packed, with a diagonal that is not used, or the upper one of its factors; no
+        entries without terms of second order.
     """
 
     factor: np.ndarray
@@ -266,7 +264,6 @@ def allocate(layout):
         empty_lanes(max(r, m), LANES),
         empty_lanes(max(r, m), LANES),
         empty_lanes(n, LANES),
-        empty_lanes(n, LANES),
         empty_lanes(r, LANES),
     )
 
@@ -276,6 +273,12 @@ def matrix_of(memory, block):
     """Return the iteration matrix of a block."""
     whole = memory.matrix
     return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block])
+
+
+@njit(inline="always")
+def upper_of(matrix):
+    """Return the upper factor, transposed: the lower one where there is no skew part."""
+    return matrix.skew if matrix.skew.shape[0] > 0 else matrix.factor
 
 
 @njit(inline="always")

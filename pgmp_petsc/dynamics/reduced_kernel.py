@@ -121,7 +121,7 @@ def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     if fresh:
         _hold_prescribed(equations, matrix)
         eliminate(matrix, r, n - r)
-    solve(matrix, r, n - r, work.balance, work.refined, work.along)
+    solve(matrix, r, n - r, work.balance, work.along)
 
 
 @njit(inline="always")

@@ -76,7 +76,7 @@ class ReducedLanes:
         layout, n_blocks = self.equations.layout, self._blocks.n_blocks
         r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
         n_powers = N_POWERS**r
-        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m - 1) // 2 if layout.second_order else 0)
+        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m + 1) // 2 if layout.second_order else 0)
         local, n_acting = self.equations.local.places, n_blocks if n_actions else 0
         cells, local_cells = aligned_zeros((n_blocks, LANES)), aligned_zeros((n_acting, 2, LANES))
         cells[:] = local_cells[:] = -1.0

@@ -118,7 +118,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
             scatter(vectors, memory.samples[block], lanes[block], part)
 
 
-@njit(error_model="numpy", counted=False)
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def _advance_block(
     equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes, state, clocks, work, local,
     progress,
@@ -203,9 +203,10 @@ def _stand(state, lanes, n):
 @njit(inline="always")
 def _note(lanes, what, outcome):
     """Note what happened to some lanes, and return them."""
-    for lane in range(LANES):
-        if lanes & (1 << lane):
-            outcome[lane] = what
+    if lanes != 0:
+        for lane in range(LANES):
+            if lanes & (1 << lane):
+                outcome[lane] = what
     return lanes
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
 from types import MappingProxyType
 from typing import Any
 
@@ -312,8 +311,9 @@ class ReducedSystem:
             trail,
         )
         state, *others = moment
+        coefficients = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         advance(
-            self._equations, self._memory, self._over(ends), self._functions, astuple(scheme)[:4], (first, ends, step),
+            self._equations, self._memory, self._over(ends), self._functions, coefficients, (first, ends, step),
             (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples), progress,
         )  # fmt: skip
         beyond[:] = progress.beyond.T

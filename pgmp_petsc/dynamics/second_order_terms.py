@@ -178,6 +178,7 @@ def add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, m
                     store(matrix.skew, entry, before - (value * pushed + v_k * change))
                 at += 1
                 entry += 1
+            entry += 1
             store(skewed, i, skew)
             store(driven, i, drive)
         total = spread(0.0)

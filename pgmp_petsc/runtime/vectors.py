@@ -139,6 +139,17 @@ def load(typing, array, row):
 
 
 @intrinsic
+def number_at(typing, array, at):
+    """Return a number of a contiguous array, all of its axes counting as one."""
+
+    def build(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return builder.load(builder.gep(data, [args[1]]))
+
+    return types.float64(array, types.intp), build
+
+
+@intrinsic
 def store(typing, array, row, x):
     """Put a vector into a row; a number goes to all lanes."""
 
@@ -174,7 +185,7 @@ def _unary(name: str) -> Callable:
     return function
 
 
-square_root, floor, absolute = _unary("sqrt"), _unary("floor"), _unary("fabs")
+floor, absolute = _unary("floor"), _unary("fabs")
 
 
 @intrinsic

@@ -314,13 +314,22 @@ def test_times_of_decimal_steps_are_written_as_they_are_read() -> None:
 def test_few_samples_go_further_at_once() -> None:
     """A step of PETSc's TS is many of a system in compiled code, as many as the cache holds; few of one in Python."""
     compiled = [SimpleNamespace(advance=None, n_samples=n, n_eta=8) for n in (1, 1000, 10**6)]
-    found = [generalised_alpha.steps_at_once(system) for system in compiled]
+    looks_always = SimpleNamespace()
+    found = [generalised_alpha.steps_at_once(system, looks_always) for system in compiled]
     assert found == [generalised_alpha.MOST_AT_ONCE, generalised_alpha.LARGEST // 24_000, 1]
-    in_python = generalised_alpha.steps_at_once(SimpleNamespace(n_samples=1))
+    in_python = generalised_alpha.steps_at_once(SimpleNamespace(n_samples=1), None)
     assert in_python == generalised_alpha.AT_ONCE
     for at_once in (1, 7, 400, 4000):
         stops = generalised_alpha.stops_of(400, at_once, "pgmp_ts_")
         assert stops[0] == 0 and stops[-1] == 400 and 0 < np.diff(stops).min() <= np.diff(stops).max() <= at_once
+
+
+def test_what_is_seldom_seen_goes_further_at_once() -> None:
+    """What is not written down needs no place in the cache."""
+    system, furthest = SimpleNamespace(advance=None, n_samples=1000, n_eta=8), generalised_alpha.FURTHEST // 24_000
+    observers = [SimpleNamespace(every=2), SimpleNamespace(every=10**6), None]
+    found = [generalised_alpha.steps_at_once(system, observer) for observer in observers]
+    assert found == [2 * generalised_alpha.LARGEST // 24_000, furthest, furthest]
 
 
 def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:
