@@ -39,14 +39,26 @@ EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
     kinds.Torque: {"scale": ("any", ("1", "N m"), ("1", "N m"))},
     kinds.Force: {"scale": ("any", ("1", "N"), ("1", "N"))},
     kinds.Gravity: {"acceleration": ("any", ("m/s2",), ("m/s2",))},
-    kinds.PointMass: {"mass": ("positive", ("kg",), ("kg",))},
+    kinds.PointMass: {
+        "mass": ("positive", ("kg",), ("kg",)),
+        "inertia": ("not negative", ("kg m2",), ("kg m2",)),
+    },
     kinds.JointDamping: {"coefficient": ("not negative", ("N m s/rad",), ("N s/m",))},
-    kinds.JointFriction: {"limit": ("not negative", ("N m",), ("N",))},
+    kinds.JointFriction: {
+        "limit": ("not negative", ("N m",), ("N",)),
+        "speed": ("positive", ("rad/s",), ("m/s",)),
+    },
     kinds.SpringDamper: {
         "stiffness": ("any", ("N m/rad",), ("N/m",)),
         "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
+        "rest": ("any", ("rad",), ("m",)),
     },
-    kinds.EndStop: {"stiffness": ("positive", ("N m/rad",), ("N/m",))},
+    kinds.EndStop: {
+        "lower": ("any", ("rad",), ("m",)),
+        "upper": ("any", ("rad",), ("m",)),
+        "stiffness": ("positive", ("N m/rad",), ("N/m",)),
+        "damping": ("not negative", ("s/rad",), ("s/m",)),
+    },
     kinds.Bushing: {
         "stiffness": ("not negative", ("N/m",), ("N/m",)),
         "damping": ("not negative", ("N s/m",), ("N s/m",)),
@@ -117,4 +129,12 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
             found = getattr(effect, key)
             for value in found if isinstance(found, tuple) else (found,):
-                yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
+                if value is not None:
+                    yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
+
+
+def stop_ends(scene: Scene) -> Iterator[tuple[str, float | str, float | str]]:
+    """Yield the stops at both ends of a motion: name of the effect, lower and upper end."""
+    for name, effect in scene.effects.items():
+        if isinstance(effect, kinds.EndStop) and None not in (effect.lower, effect.upper):
+            yield name, effect.lower, effect.upper

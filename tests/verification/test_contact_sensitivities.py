@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from runs import reduced_model, rom_of
 from scenes import PENDULUM, slider_crank
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import State
@@ -221,21 +219,17 @@ def test_a_bouncing_bar_has_the_derivatives_of_its_closed_form() -> None:
 
 
 def test_a_stop_that_moves_has_the_derivatives_of_its_closed_form() -> None:
-    """No scene has a parameter for its place, but laws have: the stop at b times k is met b / v later for every k."""
-    model = bar()
-    (action,), k = model.actions.actions, model.scene.values["k"]
-    stiffness, damping, _, side = action.parameters
-    b = PLACE / k
-    moving = replace(action, parameters=(Quantity(k), damping, Quantity(b, stiffness.monomial), side))
-    model._actions = replace(model.actions, actions=(moving,))  # noqa: SLF001
-    run = differentiate(model, model.scene.values, ["k"])
+    """A stop that is farther away is met later by 1 / v for every radian."""
+    moving = f"parameters.place={{nominal={PLACE}}}", 'effects.stop.upper="place"'
+    model = reduced_model(scene_from_toml(BAR, ".", (STIFF, *moving)))
+    run = differentiate(model, model.scene.values, ["place"])
     met, left = run.contacts
-    assert met.derivatives[0] == pytest.approx(b / SPEED, rel=1e-9)
+    assert met.derivatives[0] == pytest.approx(1.0 / SPEED, rel=1e-9)
     # half a period is as long wherever it is, and the way to the stop and back is longer; (omega h)^2 for the scheme
-    error = k / inertia(model) * 1e-6
-    assert left.derivatives[0] == pytest.approx(b / SPEED, rel=error)
-    np.testing.assert_allclose(run.derivatives["angle"]["k"][run.time > left.time], 2.0 * b, rtol=error)
-    compare(model, (1e-4,), "k")
+    error = model.scene.values["k"] / inertia(model) * 1e-6
+    assert left.derivatives[0] == pytest.approx(1.0 / SPEED, rel=error)
+    np.testing.assert_allclose(run.derivatives["angle"]["place"][run.time > left.time], 2.0, rtol=error)
+    compare(model, (1e-4,), "place")
 
 
 def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing: ReducedModel) -> None:
