@@ -118,13 +118,6 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 FEATURES = (
     Feature(
-        "lengths and places as parameters",
-        _lengths,
-        frozenset({Purpose.TRADEOFF}),
-        why_not="settings are compared for one mechanism",
-        cure="give it a number (--override)",
-    ),
-    Feature(
         "lengths and places with adaptive sampling",
         lambda scene: (entry for entry in _lengths(scene) if scene.reduction.sampling_tolerance is not None),
         EVERYWHERE,
