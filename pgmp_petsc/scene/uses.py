@@ -105,6 +105,12 @@ def length_uses(scene: Scene) -> Iterator[Use]:
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
 
 
+def velocity_names(scene: Scene) -> dict[str, str]:
+    """Return the parameters that are velocities at the start, by the names of the coordinates."""
+    starts = scene.simulation.initial.items()
+    return {coordinate: state.velocity for coordinate, state in starts if isinstance(state.velocity, str)}
+
+
 def uses_of(scene: Scene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
@@ -124,6 +130,8 @@ def uses_of(scene: Scene) -> Iterator[Use]:
             if key != "shape":
                 sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
                 yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
+    for coordinate, name in velocity_names(scene).items():
+        yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
     for name, effect in scene.effects.items():
         turns = not slides(scene, effect)
         for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
