@@ -54,7 +54,9 @@ class Checked:
     @property
     def trial_text(self) -> str:
         """What the trial found, in words."""
-        return "  trial         no continuum bodies: nothing to try" if self.trial is None else describe_trial(self.trial)
+        if self.trial is None:
+            return "  trial         no continuum bodies: nothing to try"
+        return describe_trial(self.trial)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of ``pgmp check --json``."""

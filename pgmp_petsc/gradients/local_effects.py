@@ -7,8 +7,8 @@ engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, 
 
 H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length
 l, ``by_parameters += (k ds/dl + c ds'/dl) g - F dg/dl`` with differences of fourth order along l of the measure, its
-rate and g, in which places are polynomials. The law itself is not differenced: the force of a stop has a corner where it
-is met, and k has to be that of ``by_q``.
+rate and g, in which places are polynomials. The law itself is not differenced: the force of a stop has a corner where
+it is met, and k has to be that of ``by_q``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Sensitivities at the start of a run.
 
-An undeformed start depends on no parameter, velocities on those that are some of them; the first accelerations follow
-from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates the residual at rest vanishes,
-``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques mu hold them,
+An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates
+the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
+mu hold them,
 
     R(eta, p) + G^T mu = 0,     s(eta) = s_0,     G = ds/d eta,
     [by_q + sum_k mu_k d2 s_k/d eta2   G^T] [S_q ]     [by_p + (d G/dp)^T mu]

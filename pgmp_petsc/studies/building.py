@@ -150,7 +150,7 @@ def _price(scene: Scene, resume: bool) -> str:
     first = ""
     if reduction.sampling_tolerance is not None:
         count = len(list(extremes(scene))) + 1
-        first = f"; reduction.sampling_tolerance takes {count} builds first, to find the angles, and may add some to all"
+        first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
     return (
         f"lengths and places ({', '.join(names)}): models at {n_points} points, {reduction.length_points} along each, "

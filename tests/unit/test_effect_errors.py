@@ -133,7 +133,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "friction without a speed": (
         ('effects.e={type="joint_friction", joint="hinge", limit=1}',),
-        ("effects.e.speed: missing; needed: rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name",),
+        (
+            "effects.e.speed: missing; needed: rate at which 76 % of the limit are reached (rad/s or m/s), a number or "
+            "a parameter's name",
+        ),
     ),
     "no spring": (
         ('effects.e={type="spring_damper", joint="hinge"}',),

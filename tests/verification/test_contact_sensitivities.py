@@ -133,13 +133,19 @@ THROWN = (
     'effects.brake={type="joint_friction",joint="elbow",limit=0.05,speed=20.0}',
     'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient=0.02}',
     'effects.spring={type="spring_damper",points=["ground:guide","rod:tip"],stiffness=50.0,damping=0.5,rest=0.9}',
-    'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,harmonic={amplitude=4.0,frequency_hz=30.0}}',
+    'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,'
+    "harmonic={amplitude=4.0,frequency_hz=30.0}}",
     'effects.push={type="force",point="crank:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
 )
 LENGTHS = {
-    "rod_length": ((), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
-                   'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}'),
-    "height": (("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}", "parameters.height.value=0.015"),
+    "rod_length": (
+        (), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
+        'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}',
+    ),
+    "height": (
+        ("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}",
+        "parameters.height.value=0.015",
+    ),
 }  # fmt: skip
 
 

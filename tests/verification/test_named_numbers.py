@@ -1,5 +1,5 @@
-"""Parameters' names in place of numbers of stops, friction, springs, masses and starts: runs are those with the number, samples
-those of single runs, and derivatives central differences."""
+"""Parameters' names in place of numbers of stops, friction, springs, masses and starts: runs are those with the number,
+samples those of single runs, and derivatives central differences."""
 
 from __future__ import annotations
 
