@@ -14,6 +14,7 @@ _NAMES = {
     "Scene": "scene",
     "load": "api.scenes",
     "compose": "api.scenes",
+    "check": "api.checks",
     "build": "api.models",
     "read": "api.files",
     "simulate": "api.runs",

@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.api.checks import check as checked
+from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import say, say_remarks
-from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.components.trial import try_largest
-from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.assembly import assembly_of
-from pgmp_petsc.studies.check import describe_scene, describe_trial
-from pgmp_petsc.studies.effect_sizes import estimate_effects
-from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.scene_summary import summary_of_scene
 
 
 @click.command()
@@ -65,34 +54,19 @@ def check(
     What cannot be meant is refused with its entry's name. What probably is not meant is named in a warning: with
     --strict these end the check with status 2 too.
     """
-    comm = context.obj.comm
-    if picture is not None:
-        on_root(comm, check_output, picture, "picture", (scene,))
-    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.SIZES if sizes else Purpose.CHECK)
-    say(context, on_root(comm, describe_scene, loaded, meshes))
-    say_remarks(context, loaded)
-    if picture is not None:
-        say(context, f"  picture       {on_root(comm, draw_assembly, loaded, meshes, picture)}")
-    figures = on_root(comm, summary_of_scene, loaded, meshes) if context.obj.json else {}
+    Call(context, None)
+    found = checked(
+        scene, effects=sizes, trial=trial, picture=picture, parameters=settings, overrides=overrides,
+        comm=context.obj.comm,
+    )  # fmt: skip
+    if found.picture is not None:
+        say(context, f"  picture       {found.picture}")
     if trial:
-        found = try_largest(loaded, meshes, comm)
-        figures["trial"] = found
-        say(context, "  trial         no continuum bodies: nothing to try" if found is None else describe_trial(found))
-    if sizes:
-        with RankGroup.split(comm, 1) as group:
-            shapes = condensed(loaded, meshes, group, large=True)
-        estimated = on_root(comm, lambda: estimate_effects(loaded, meshes, shapes=shapes))
-        say(context, "\n".join(estimated.lines()))
-        figures["sizes_of_effects"] = estimated
-    say_figures(context, figures)
-    if strict and loaded.remarks:
-        n = len(loaded.remarks)
+        say(context, found.trial_text)
+    if found.sizes is not None:
+        say(context, "\n".join(found.sizes.lines()))
+    if context.obj.json:
+        say_figures(context, on_root(context.obj.comm, found.summary) | ({"trial": found.trial} if trial else {}))
+    if strict and found.scene.remarks:
+        n = len(found.scene.remarks)
         raise InputError(f"{scene}: {n} warning{'s' if n > 1 else ''}, see above, and --strict takes none")
-
-
-def draw_assembly(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
-    """Draw the assembled mechanism, and return the picture's path; by one process only."""
-    from pgmp_petsc.figures.assembly import assembly  # matplotlib takes a noticeable time
-    from pgmp_petsc.figures.style import save
-
-    return save(assembly(assembly_of(scene, meshes)), picture)

@@ -62,7 +62,7 @@ def tradeoff(
 def report(study: Tradeoff, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what was measured, the advice, and all remarks but those that were said before."""
     n_values = len(next(iter(study.test_values.values()), (0,)))
-    where = f"{n_values} values of {', '.join(study.test_values)}" if study.test_values else "the scene's values"
+    where = f"{n_values} values of {', '.join(study.varied)}" if study.varied else "the scene's values"
     lines = [f"{path}: {len(study.families)} settings, errors at {where}, {study.record.ranks} rank(s)", summary(study)]
     lines += remark_lines(study.record, said)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in study.record.timings.items()]

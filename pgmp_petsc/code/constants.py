@@ -39,6 +39,7 @@ from pgmp_petsc.results.errors import limits_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.uses import velocity_names
 
 # Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
 # set in with a jump (tests/verification/test_exported.py, in space).
@@ -203,8 +204,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 def tunable(scene: Scene) -> dict[str, float]:
     """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
-    as its mechanism is made with them."""
-    fixed = length_names(scene)
+    as its mechanism is made with them, and velocities at the start, where it stands before it takes any."""
+    fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
 
 

@@ -131,7 +131,9 @@ class FullBatch:
         turns = self._equations.turns(theta.reshape(theta.shape[0], -1))
         accelerations = driven(self._sources.motions, 0.0).acceleration
         q, v = q.reshape(self.n_dofs, -1), v.reshape(self.n_dofs, -1)
-        drift = self._equations.constraints.drift(*np.broadcast_arrays(q, v), accelerations)
+        n = max(q.shape[1], v.shape[1])
+        q, v = (np.repeat(part, n // part.shape[1], axis=1) for part in (q, v))
+        drift = self._equations.constraints.drift(q, v, accelerations)
         nothing = np.zeros((self.n_dofs, 1))
         parts = q, v, nothing, np.zeros((self.n_constraints, 1)), turns, drift
         *parts, drift = (self.pack(np.broadcast_to(part, (len(part), self.n_samples))) for part in parts)

@@ -25,7 +25,7 @@ def end_stop(name: str, entry: schema.EndStop, mechanism: Mechanism) -> ActionEf
             Action(
                 name,
                 law=STOP,
-                parameters=(Quantity.of(entry.stiffness), Quantity(entry.damping), Quantity(end), Quantity(side)),
+                parameters=(*map(Quantity.of, (entry.stiffness, entry.damping, end)), Quantity(side)),
                 **place,
             )
             for end, side in ends

@@ -18,6 +18,6 @@ from pgmp_petsc.scene import effects as schema
 
 def joint_friction(name: str, entry: schema.JointFriction, mechanism: Mechanism) -> ActionEffect:
     """Return the effect; see the module."""
-    parameters = (Quantity.of(entry.limit), Quantity(entry.speed))
+    parameters = (Quantity.of(entry.limit), Quantity.of(entry.speed))
     place = joint_measure(mechanism, entry)
     return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **place)], mechanism)

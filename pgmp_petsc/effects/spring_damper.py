@@ -19,5 +19,5 @@ def spring_damper(name: str, entry: schema.SpringDamper, mechanism: Mechanism) -
     else:
         a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
         place = {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
-    parameters = (Quantity.of(entry.stiffness), Quantity.of(entry.damping), Quantity(entry.rest or 0.0))
+    parameters = tuple(map(Quantity.of, (entry.stiffness, entry.damping, entry.rest or 0.0)))
     return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)

@@ -19,6 +19,7 @@ from pgmp_petsc.runtime.remarks import note
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.uses import stop_ends
 
 OPTION = "--samples"
 
@@ -139,6 +140,12 @@ def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene
         if name in scene.positive_parameters:
             for number in np.flatnonzero(values <= 0.0):
                 yield f"{place} {lines[number]}: {name} = {values[number]:g}; must be positive for what uses it"
+    for name, lower, upper in stop_ends(scene):
+        ends = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
+        low, high = (np.broadcast_to(end, lines.shape) for end in ends)
+        for number in np.flatnonzero(low >= high):
+            where = f"effects.{name}.lower = {low[number]:g}; must be below upper, {high[number]:g}"
+            yield f"{place} {lines[number]}: {where}"
 
 
 def _unused(path: Path, scene: Scene, columns: Mapping[str, np.ndarray], is_hdf5: bool) -> tuple:

@@ -20,6 +20,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.correlation import correlation_matrix
 from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.uses import stop_ends
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
@@ -226,7 +227,8 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples lie inside all bounds, finite, and positive where sections and materials need it."""
+    """Return which samples lie inside all bounds, finite, positive where that is needed, lower ends of stops below
+    upper ones."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])
@@ -234,6 +236,8 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
             fine &= (values[name] >= parameter.bounds[0]) & (values[name] <= parameter.bounds[1])
     for name in scene.positive_parameters:
         fine &= values[name] > 0.0
+    for _, lower, upper in stop_ends(scene):
+        fine &= scene.number(lower, values) < scene.number(upper, values)
     return fine
 
 

@@ -6,7 +6,9 @@ engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
 H follows from differences of g, which is exact; they leave 1e-8 of it. Where the places of actions depend on a length
-l, ``by_parameters -= d(F g)/dl`` follows from differences of fourth order along l, in which places are polynomials.
+l, ``by_parameters += (k ds/dl + c ds'/dl) g - F dg/dl`` with differences of fourth order along l of the measure, its
+rate and g, in which places are polynomials. The law itself is not differenced: the force of a stop has a corner where
+it is met, and k has to be that of ``by_q``.
 """
 
 from __future__ import annotations
@@ -119,7 +121,8 @@ class LocalDerivatives:
         for number, beside in self._beside.items():
             for factor, weights in beside:
                 at, found = self._measured(times, states.q, states.v, weights)
-                by_parameters[:, number] -= factor * _summed(found[:, :, FORCE], at)
+                pushed = stiffness * found[:, :, S] + damping * found[:, :, SPEED]
+                by_parameters[:, number] += factor * (_summed(pushed, gradient) - _summed(force, at))
         strengths = amplitudes_over(self._actions, times)
         for number, (action, own) in enumerate(zip(self._actions, self._changes.transpose(1, 0, 2))):
             if own.any():

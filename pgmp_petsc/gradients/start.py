@@ -1,8 +1,9 @@
 """Sensitivities at the start of a run.
 
-An undeformed start depends on no parameter, nor do velocities; the first accelerations follow from the equations of
-motion, ``by_a S_a = - (by_p + by_q S_q)``. In static equilibrium with free coordinates the residual at rest vanishes,
-``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques mu hold them,
+An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates
+the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
+mu hold them,
 
     R(eta, p) + G^T mu = 0,     s(eta) = s_0,     G = ds/d eta,
     [by_q + sum_k mu_k d2 s_k/d eta2   G^T] [S_q ]     [by_p + (d G/dp)^T mu]
@@ -22,6 +23,7 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.scene.uses import velocity_names
 
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
 
@@ -47,8 +49,12 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
             moment[0] = _held(model, start.q, at_rest, linearisation)
         if initial.coordinates == "free" and not model.motions:
             return moment  # at rest it stays there: no accelerations, whatever the parameters
+    named = velocity_names(model.scene)
+    for k, coordinate in enumerate(model.kinematics.coordinates):
+        for row, name in zip(moment[1], linearisation.names):
+            row[k] = float(named.get(coordinate.name) == name)
     now = linearisation.at(time, start)
-    pushed = now.by_parameters[0] + moment[0] @ now.by_q[0].T
+    pushed = now.by_parameters[0] + moment[0] @ now.by_q[0].T + moment[1] @ now.by_v[0].T
     moment[2][:, free] = -_solved(now.by_a[0], pushed, free)
     moment[3] = moment[2]
     return moment

@@ -27,7 +27,6 @@ from pgmp_petsc.indicator.sampled_load import SampledMotion, sampled_effects
 from pgmp_petsc.indicator.schedule import Schedule
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.models.model import start_of
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
@@ -53,7 +52,6 @@ class CheckingModel:
         self.full = ComponentModel(scene, shapes, model.kinematics)
         mechanism = self.full.kinematics.mechanism
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
-        self._start = start_of(scene, mechanism)
         rom = _in_floating_frames(model.rom, model.kinematics.mechanism, mechanism)
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
@@ -69,7 +67,8 @@ class CheckingModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
         """Return n samples."""
-        return FullBatch(self.full.kinematics, self._effects, values, self._start, n, self._motions)
+        start = self.full.start_of_samples(values, n)
+        return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
     def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
         """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""

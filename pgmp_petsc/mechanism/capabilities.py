@@ -118,20 +118,6 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 FEATURES = (
     Feature(
-        "lengths and places as parameters",
-        _lengths,
-        frozenset({Purpose.TRADEOFF}),
-        why_not="settings are compared for one mechanism",
-        cure="give it a number (--override)",
-    ),
-    Feature(
-        "lengths and places with adaptive sampling",
-        lambda scene: (entry for entry in _lengths(scene) if scene.reduction.sampling_tolerance is not None),
-        EVERYWHERE,
-        why_not="models of several lengths have the same angles, and reduction.sampling_tolerance adds some to one",
-        cure="give it a number (--override), or reduction.angles",
-    ),
-    Feature(
         "lengths and places with a tolerance for the step",
         lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
         EVERYWHERE - {Purpose.CHECK, Purpose.BUILD},

@@ -236,7 +236,8 @@ def _lumps(effect: PointMass) -> dict[Monomial, LumpedMass]:
     mass = Quantity.of(effect.mass)
     lumps = {mass.monomial: LumpedMass(mass.coefficient, 0.0)}
     if effect.inertia:
-        return joined(lumps, {Monomial(): LumpedMass(0.0, effect.inertia)})
+        inertia = Quantity.of(effect.inertia)
+        return joined(lumps, {inertia.monomial: LumpedMass(0.0, inertia.coefficient)})
     return lumps
 
 

@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import require_lengths, search_of, start_of
+from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.installed import alone
@@ -95,7 +95,14 @@ class FullModel:
             return self.distributed({name: float(value[0]) for name, value in values.items()}, alone())
         sized = self._sized({name: float(value[0]) for name, value in values.items()})
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
-        return FullBatch(sized.kinematics, sized._effects, values, sized._start, n_samples, sized._motions, settled)
+        start = sized.start_of_samples(values, n_samples)
+        return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled)
+
+    def start_of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (n_theta,), rad, and velocities of the coordinates at the start, rad/s; see
+        `velocities_of`."""
+        positions, of_run = self._start
+        return positions, velocities_of(self.scene, self.kinematics.mechanism, of_run, values, n_samples)
 
     @property
     def _in_lanes(self) -> bool:
@@ -121,7 +128,8 @@ class FullModel:
 
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
-        start = sized._start if settled is None else (settled.theta[0], np.zeros_like(sized._start[1]))
+        positions, rates = sized.start_of_samples(values, 1)
+        start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         equations = sized._equations(sized.kinematics, values, start, comm)
         return FullDistributed(equations, comm, sized._motions, settled)
 

@@ -16,6 +16,7 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.uses import velocity_names
 
 AT_REST = 1e-12  # rad over a run: less is round-off of sines
 
@@ -72,7 +73,7 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
             start.append(motions[number].at(0.0)[:2])
         else:
             state = scene.initial_state(coordinate.name)
-            start.append((state.position, state.velocity))
+            start.append((state.position, scene.number(state.velocity)))
     positions, velocities = np.array(start).T
     for number, motion in motions.items():
         if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
@@ -82,6 +83,21 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
                 "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
             )
     return positions, velocities
+
+
+def velocities_of(
+    scene: Scene, mechanism: Mechanism, of_run: np.ndarray, values: Mapping[str, np.ndarray], n_samples: int
+) -> np.ndarray:
+    """Return velocities at the start, rad/s: those of the run (n_theta,), or (n_theta, n_samples) where parameters with
+    values (n_samples,) are some of them."""
+    named = velocity_names(scene)
+    if not named:
+        return of_run
+    found = np.repeat(of_run[:, None], n_samples, axis=1)
+    for row, coordinate in zip(found, mechanism.coordinates):
+        if coordinate.name in named:
+            row[:] = values[named[coordinate.name]]
+    return found
 
 
 def search_of(scene: Scene, mechanism: Mechanism) -> Search:

@@ -18,7 +18,7 @@ from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import require_lengths, search_of, start_of
+from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
@@ -207,10 +207,12 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     model, angles
         The model, or one whose terms, effects and actions are as of `ReducedModel`; and the angles of its coordinates.
     """
-    system = ReducedSystem(model.terms, model.effects, values, model.start, n_samples, model.motions, model.actions)
+    positions, of_run = model.start
+    start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T
+    system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions)
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
-        theta = np.tile(model.start[0], (n_samples, 1))
+        theta = np.tile(positions, (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
     return system

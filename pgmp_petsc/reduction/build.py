@@ -92,36 +92,54 @@ def build_rom(
         On all ranks, whichever rank met it.
     """
     if not length_names(scene):
-        return _condensed_and_built(scene, meshes, group, scramble, checkpoint)
+        return _condensed_and_built(scene, meshes, group, _Way(scramble, checkpoint))
     check_capabilities(scene, Purpose.BUILD, meshes)
     # checkpoints are of one mechanism
     return build_over_lengths(
-        scene, meshes, lambda own, shapes: _condensed_and_built(own, shapes, group, scramble, None), group.world
+        scene,
+        meshes,
+        lambda own, shapes, samples: _condensed_and_built(own, shapes, group, _Way(scramble, None, samples)),
+        group.world,
     )
+
+
+@dataclass(frozen=True)
+class _Way:
+    """How the build of one mechanism goes.
+
+    Attributes
+    ----------
+    scramble, checkpoint
+        As of `build_rom`.
+    samples
+        Its configurations, or the first of them; None leaves them to the scene.
+    """
+
+    scramble: Callable[[ModeSet], ModeSet]
+    checkpoint: BuildCheckpoint | None
+    samples: SampleGrid | None = None
 
 
 def _condensed_and_built(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
-    scramble: Callable[[ModeSet], ModeSet],
-    checkpoint: BuildCheckpoint | None,
+    way: _Way,
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with the lengths of the scene's run."""
     timings = Timings()
     with timings.phase("components"):
         check_capabilities(scene, Purpose.BUILD, meshes)
-        meshes = condensed(scene, meshes, group, checkpoint)
+        meshes = condensed(scene, meshes, group, way.checkpoint)
     with angle_group(meshes, group) as angles:
-        return _built(scene, meshes, angles, scramble, checkpoint, timings)
+        return _built(scene, meshes, angles, way, timings)
 
 
 def _built(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
-    scramble: Callable[[ModeSet], ModeSet],
-    checkpoint: BuildCheckpoint | None,
+    way: _Way,
     timings: Timings,
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with condensed bodies."""
@@ -131,7 +149,7 @@ def _built(
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    store = SampleStore(group, _samples(scene, kinematics))
+    store = SampleStore(group, way.samples or _samples(scene, kinematics))
     with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             problem = ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm, matrices)
@@ -142,7 +160,7 @@ def _built(
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
             sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions_of(effects)))
-        sampling = _Sampling(scene, sampler, group, scramble, checkpoint)
+        sampling = _Sampling(scene, sampler, group, way)
         joined, basis = sampling.joined(store, loads, timings)
         if scene.second_order:
             with timings.phase("second order"):
@@ -160,7 +178,7 @@ def _built(
     indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
         *scene.remarks,
-        *(() if checkpoint is None else checkpoint.remarks),
+        *(() if way.checkpoint is None else way.checkpoint.remarks),
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
     )
@@ -205,8 +223,7 @@ class _Sampling:
     scene: Scene
     sampler: Sampler
     group: RankGroup
-    scramble: Callable[[ModeSet], ModeSet]
-    checkpoint: BuildCheckpoint | None
+    way: _Way
 
     def joined(
         self, store: SampleStore, loads: Sequence[Load], timings: Timings
@@ -246,16 +263,17 @@ class _Sampling:
                     store.put(number, self._sample(theta))
                     bar.update()
             finally:
-                if self.checkpoint is not None:
-                    self.checkpoint.flush()
+                if self.way.checkpoint is not None:
+                    self.way.checkpoint.flush()
 
     def _sample(self, theta: np.ndarray) -> Sample:
-        if self.checkpoint is None:
-            return self.sampler.sample(theta, self.scramble)
-        sample = self.checkpoint.sample(theta, self.sampler.problem)
+        way = self.way
+        if way.checkpoint is None:
+            return self.sampler.sample(theta, way.scramble)
+        sample = way.checkpoint.sample(theta, self.sampler.problem)
         if sample is None:
-            sample = self.sampler.sample(theta, self.scramble)
-            self.checkpoint.add_sample(theta, sample, self.sampler.problem)
+            sample = self.sampler.sample(theta, way.scramble)
+            way.checkpoint.add_sample(theta, sample, self.sampler.problem)
         return sample
 
     def curve(self, store: SampleStore, basis: ContinuousBasis | None, manifold: Manifold) -> ContinuousBasis | None:

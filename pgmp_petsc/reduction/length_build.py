@@ -20,13 +20,15 @@ from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
 from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.mode_changes import mode_changes
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import pair_rotations
-from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import held, length_names
+from pgmp_petsc.scene.lengths import extremes, held, length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
     from pgmp_petsc.reduction.rom import ReducedOrderModel
 
-Build = Callable[[Scene, Mapping[str, BodyShape]], "ReducedOrderModel | None"]
+Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None], "ReducedOrderModel | None"]
 
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
@@ -52,7 +54,8 @@ def build_over_lengths(
     scene, meshes
         The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
     build
-        Builds the model of a scene whose lengths are those of its run; collective, None on all ranks but the first.
+        Builds the model of a scene whose lengths are those of its run, at given configurations or those that the scene
+        asks for; collective, None on all ranks but the first.
 
     Returns
     -------
@@ -66,14 +69,25 @@ def build_over_lengths(
     """
     grid = LengthGrid.of(scene)
 
-    def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
-        own = held(scene, values)
+    def built(own: Scene, values: Mapping[str, float], samples: SampleGrid | None) -> ReducedOrderModel | None:
+        own = held(own, values)
         try:
-            return build(own, at_lengths(own, meshes))
+            return build(own, at_lengths(own, meshes), samples)
         except (InputError, RunError) as error:
             raise type(error)(f"at {_words(values)}: {error}") from error
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
+    everywhere, samples, said = scene, None, ()
+    if scene.reduction.sampling_tolerance is not None:
+        asked = [built(scene, values, None) for values in (nominal_lengths, *extremes(scene))]
+        samples, said = on_root(comm, _common_samples, scene, asked)
+        everywhere = scene.model_copy(
+            update={"reduction": scene.reduction.model_copy(update={"sampling_tolerance": None})}
+        )
+
+    def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
+        return built(everywhere, values, samples)
+
     nominal = at(nominal_lengths)
     members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
     between = nominal_lengths
@@ -90,7 +104,27 @@ def build_over_lengths(
                 turned = [gauge.turned(held(scene, values), member) for values, member in zip(grid.points, members)]
             everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
             found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
+            found = replace(found, record=replace(found.record, remarks=(*found.record.remarks, *said)))
     return found
+
+
+def _common_samples(scene: Scene, asked: Sequence[ReducedOrderModel]) -> tuple[SampleGrid, tuple[Remark, ...]]:
+    """Return all configurations that any of some models asked for, of one coordinate, and what is said of them.
+
+    Each begins with the same and halves distances, so that they have most in common. The tables of a mode that changes
+    its sign in a turn go over two, with the same angles in both.
+    """
+    (coordinate,) = scene.coordinates.values()
+    axis, turn = asked[0].tables.samples.axes[0], coordinate.range[1] - coordinate.range[0]
+    end = axis.lower + turn if axis.periodic else np.inf
+    each = [theta[theta < end] for theta in (model.tables.samples.axes[0].theta for model in asked)]
+    theta = np.unique(np.concatenate(each))
+    counts = ", ".join(str(part.size) for part in each)
+    said = note(
+        f"reduction.sampling_tolerance: {theta.size} angles, all that the nominal lengths and the ends of their ranges "
+        f"ask for ({counts}); models at other lengths have the same"
+    )
+    return SampleGrid((Samples(theta, axis.lower, axis.lower + turn, axis.periodic),)), (said,)
 
 
 def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:

@@ -220,6 +220,11 @@ class Tradeoff:
         return list(self.units)
 
     @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of the parameters that differ between test values."""
+        return tuple(name for name, values in self.test_values.items() if np.ptp(values) > 0.0)
+
+    @property
     def simulated(self) -> np.ndarray:
         """Settings of one of the models, not of a response surface, shape (n,)."""
         return np.array([family != "surface" for family in self.families], dtype=bool)

@@ -12,6 +12,7 @@ from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.impulses import impulse_of
 from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic, Revolute, are_parallel
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.uses import stop_ends
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -63,6 +64,7 @@ def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
             yield from _damped_bodies(scene, entry, effect)
         if isinstance(effect, kinds.PrescribedMotion):
             yield from _prescribed(scene, name, effect)
+    yield from _ends_apart(scene)
     yield from _damped_once(scene)
     yield from _alone(scene)
     yield from _halves(scene)
@@ -180,6 +182,19 @@ def _damped_bodies(scene: Scene, entry: str, effect: kinds.StructuralDamping) ->
             )
     if effect.bodies is None and not flexible:
         yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
+
+
+def _ends_apart(scene: Scene) -> Iterator[str]:
+    """Check that the lower end of a stop is below the upper one, nominally and in a single run."""
+    for name, lower, upper in stop_ends(scene):
+        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
+            continue  # said elsewhere
+        for values in (scene.nominal, scene.values):
+            low, high = (scene.number(end, values) for end in (lower, upper))
+            if not low < high:
+                behind = f", not {low:g}" if isinstance(lower, str) else ""
+                yield problem(f"effects.{name}.lower", f"must be below upper = {high:g}{behind}", lower)
+                break
 
 
 def _damped_once(scene: Scene) -> Iterator[str]:

@@ -38,6 +38,17 @@ def length_range(scene: Scene, name: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def extremes(scene: Scene) -> Iterator[dict[str, float]]:
+    """Yield the ends of every length with nominal others, and those of all together, where there are several."""
+    ranges = {name: length_range(scene, name) for name in length_names(scene)}
+    nominal = {name: scene.nominal[name] for name in ranges}
+    for name, ends in ranges.items():
+        for end in ends:
+            yield nominal | {name: end}
+    for side in (0, 1) if len(ranges) > 1 else ():
+        yield {name: ends[side] for name, ends in ranges.items()}
+
+
 def held(scene: Scene, values: Mapping[str, float]) -> Scene:
     """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
     fixed = {"distribution": None, "bounds": None}

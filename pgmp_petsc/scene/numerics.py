@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Angle, Integer, Number, PositiveNumber, Table, at_most, refusal
+from pgmp_petsc.scene.fields import Angle, Integer, Number, NumberOrParameter, PositiveNumber, Table, at_most, refusal
 
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
@@ -95,7 +95,9 @@ class InitialState(Table):
     """Where a coordinate starts."""
 
     position: Angle = Field(0.0, description="angle at the start (rad)")
-    velocity: Number = Field(0.0, description="angular velocity at the start (rad/s)")
+    velocity: NumberOrParameter = Field(
+        0.0, description="angular velocity at the start (rad/s), a number or a parameter's name"
+    )
 
 
 class Initial(Table):

@@ -39,14 +39,26 @@ EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
     kinds.Torque: {"scale": ("any", ("1", "N m"), ("1", "N m"))},
     kinds.Force: {"scale": ("any", ("1", "N"), ("1", "N"))},
     kinds.Gravity: {"acceleration": ("any", ("m/s2",), ("m/s2",))},
-    kinds.PointMass: {"mass": ("positive", ("kg",), ("kg",))},
+    kinds.PointMass: {
+        "mass": ("positive", ("kg",), ("kg",)),
+        "inertia": ("not negative", ("kg m2",), ("kg m2",)),
+    },
     kinds.JointDamping: {"coefficient": ("not negative", ("N m s/rad",), ("N s/m",))},
-    kinds.JointFriction: {"limit": ("not negative", ("N m",), ("N",))},
+    kinds.JointFriction: {
+        "limit": ("not negative", ("N m",), ("N",)),
+        "speed": ("positive", ("rad/s",), ("m/s",)),
+    },
     kinds.SpringDamper: {
         "stiffness": ("any", ("N m/rad",), ("N/m",)),
         "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
+        "rest": ("any", ("rad",), ("m",)),
     },
-    kinds.EndStop: {"stiffness": ("positive", ("N m/rad",), ("N/m",))},
+    kinds.EndStop: {
+        "lower": ("any", ("rad",), ("m",)),
+        "upper": ("any", ("rad",), ("m",)),
+        "stiffness": ("positive", ("N m/rad",), ("N/m",)),
+        "damping": ("not negative", ("s/rad",), ("s/m",)),
+    },
     kinds.Bushing: {
         "stiffness": ("not negative", ("N/m",), ("N/m",)),
         "damping": ("not negative", ("N s/m",), ("N s/m",)),
@@ -93,6 +105,12 @@ def length_uses(scene: Scene) -> Iterator[Use]:
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
 
 
+def velocity_names(scene: Scene) -> dict[str, str]:
+    """Return the parameters that are velocities at the start, by the names of the coordinates."""
+    starts = scene.simulation.initial.items()
+    return {coordinate: state.velocity for coordinate, state in starts if isinstance(state.velocity, str)}
+
+
 def uses_of(scene: Scene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
@@ -112,9 +130,19 @@ def uses_of(scene: Scene) -> Iterator[Use]:
             if key != "shape":
                 sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
                 yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
+    for coordinate, name in velocity_names(scene).items():
+        yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
     for name, effect in scene.effects.items():
         turns = not slides(scene, effect)
         for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
             found = getattr(effect, key)
             for value in found if isinstance(found, tuple) else (found,):
-                yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
+                if value is not None:
+                    yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
+
+
+def stop_ends(scene: Scene) -> Iterator[tuple[str, float | str, float | str]]:
+    """Yield the stops at both ends of a motion: name of the effect, lower and upper end."""
+    for name, effect in scene.effects.items():
+        if isinstance(effect, kinds.EndStop) and None not in (effect.lower, effect.upper):
+            yield name, effect.lower, effect.upper

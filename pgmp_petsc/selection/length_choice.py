@@ -7,7 +7,7 @@ between them are as good follows from how smooth they are in a length, which eve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pgmp_petsc.bodies.line_bodies import at_lengths
@@ -18,7 +18,7 @@ from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names, length_range, with_numbers
+from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.selection.choice import Choice, choose
 
@@ -45,7 +45,7 @@ def choose_over_lengths(
     found = _chosen_at(scene, nominal, meshes, group, say, finished)
     chosen = scene.model_copy(update={"reduction": found.scene.reduction, "simulation": found.scene.simulation})
     asked, remarks = _asked_again(scene, chosen), []
-    for lengths in _extremes(scene):
+    for lengths in extremes(scene):
         check = _chosen_at(asked, lengths, meshes, group, lambda text: None, None)
         remarks.append(f"at {_words(lengths)}: {_left(check.selection)}")
     selection = replace(found.selection, remarks=(*found.selection.remarks, *remarks))
@@ -78,17 +78,6 @@ def _asked_again(scene: Scene, chosen: Scene) -> Scene:
         kept = {"tolerance": scene.simulation.tolerance}
         update["simulation"] = Simulation(**chosen.simulation.model_dump() | kept)
     return scene.model_copy(update=update)
-
-
-def _extremes(scene: Scene) -> Iterator[dict[str, float]]:
-    """Yield the ends of every length with nominal others, and those of all together, where there are several."""
-    ranges = {name: length_range(scene, name) for name in length_names(scene)}
-    nominal = {name: scene.nominal[name] for name in ranges}
-    for name, ends in ranges.items():
-        for end in ends:
-            yield nominal | {name: end}
-    for side in (0, 1) if len(ranges) > 1 else ():
-        yield {name: ends[side] for name, ends in ranges.items()}
 
 
 def _words(lengths: Mapping[str, float]) -> str:

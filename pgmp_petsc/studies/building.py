@@ -23,7 +23,7 @@ from pgmp_petsc.runtime.files import open_file, shapes_of
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.lengths import extremes, length_names
 from pgmp_petsc.selection.choice import leaves_open
 from pgmp_petsc.selection.length_choice import choose_over_lengths
 from pgmp_petsc.studies.effect_choice import choose_effects
@@ -147,11 +147,15 @@ def _price(scene: Scene, resume: bool) -> str:
     names, reduction = length_names(scene), scene.reduction
     n_points = reduction.length_points ** len(names)
     angles = np.broadcast_to(reduction.angles, len(scene.coordinates))
+    first = ""
+    if reduction.sampling_tolerance is not None:
+        count = len(list(extremes(scene))) + 1
+        first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
     return (
         f"lengths and places ({', '.join(names)}): models at {n_points} points, {reduction.length_points} along each, "
         f"and one more to compare with, times {np.prod(angles)} configurations are {(n_points + 1) * np.prod(angles)} "
-        f"eigenproblems{anew}"
+        f"eigenproblems{first}{anew}"
     )
 
 

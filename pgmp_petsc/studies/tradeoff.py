@@ -33,8 +33,10 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import without_progress
+from pgmp_petsc.runtime.remarks import note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.lengths import length_names, with_numbers
 from pgmp_petsc.selection.ladder import Limits as Basis
 from pgmp_petsc.studies.tradeoff_advice import advise
 from pgmp_petsc.studies.tradeoff_dealing import Dealer, Prices, ReferenceRun, Task, tasks_of
@@ -108,6 +110,7 @@ def measure_tradeoff(
             "outputs: the scene has none, so there is no error to measure; give one, such as "
             '[outputs.angle] type = "angle", joint = "<a revolute joint>"'
         )
+    scene = _of_one_mechanism(scene)
     timings, sweep = Timings(), sweep.over(len(scene.coordinates))
     with timings.phase("preparation"), without_progress():
         subject, reference, shared = _prepared(scene, meshes, sweep, comm, say)
@@ -134,6 +137,21 @@ def measure_tradeoff(
     result = study.result(record, reference.model.outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
     return replace(result, advice=advise(result))
+
+
+def _of_one_mechanism(scene: Scene) -> Scene:
+    """Return a scene whose lengths and places are numbers, those of its run, with what that means for the figures."""
+    names = length_names(scene)
+    if not names:
+        return scene
+    lengths = {name: scene.values[name] for name in names}
+    n_builds = scene.reduction.length_points ** len(names) + 1
+    said = note(
+        f"settings are compared at {', '.join(f'{name} = {value:.6g}' for name, value in lengths.items())}, other "
+        f"values with --set; over all lengths a build is {n_builds} of those that are timed here, and samples take "
+        "somewhat longer (docs/uncertainty.md, lengths and places)"
+    )
+    return with_numbers(scene, lengths).with_remarks((*scene.remarks, said))
 
 
 def _prepared(

@@ -179,7 +179,7 @@ def _surface_sentences(study: Tradeoff) -> list[str]:
         return []
     return [
         "A response surface holds for these loads, this start and these outputs, between its runs over "
-        f"{_joined(list(study.test_values))}; anything else needs new runs, and every further parameter many more."
+        f"{_joined(list(study.varied))}; anything else needs new runs, and every further parameter many more."
     ]
 
 

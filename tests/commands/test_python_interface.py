@@ -59,6 +59,18 @@ def test_files_are_those_of_the_commands(
     assert_same(pgmp.read(commands / f"{kind}.h5").write(tmp_path / "again.h5"), written)
 
 
+def test_a_scene_is_checked_as_the_command_does(scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    found = pgmp.check(scene, effects=True, trial=True, picture=tmp_path / "assembled.png")
+    assert found.picture == tmp_path / "assembled.png" and found.picture.stat().st_size > 0
+    assert found.trial is None and found.trial_text.endswith("no continuum bodies: nothing to try")
+    assert "crank_hinge" in found.text and found.scene.name == scene.name
+    assert found.summary()["sizes_of_effects"] is found.sizes and "trial" not in found.summary()
+    with pytest.raises(pgmp.InputError, match="scene: int received; allowed is a scene"):
+        pgmp.check(3)
+    with pytest.raises(pgmp.InputError, match="directory .*no.such' does not exist"):
+        pgmp.check(scene, picture=tmp_path / "no.such" / "a.png")
+
+
 def test_shards_join_to_the_whole(commands: Path, tmp_path: Path) -> None:
     """From the model's file, as the commands have it; what the first rank alone has is written all the same."""
     paths = [tmp_path / f"part{k}.h5" for k in (1, 2)]

@@ -121,7 +121,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "negative inertia": (
         ('effects.e={type="point_mass", point="rod:tip", mass=1, inertia=-1}',),
-        ("effects.e.inertia = -1: must be at least 0.0",),
+        ("effects.e.inertia = -1: a number that is not negative or the name of a parameter is needed",),
     ),
     "a parameter that is not positive": (
         ('effects.e={type="point_mass", point="rod:tip", mass="negative"}',),
@@ -133,7 +133,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "friction without a speed": (
         ('effects.e={type="joint_friction", joint="hinge", limit=1}',),
-        ("effects.e.speed: missing; needed: rate at which 76 % of the limit are reached (rad/s or m/s)",),
+        (
+            "effects.e.speed: missing; needed: rate at which 76 % of the limit are reached (rad/s or m/s), a number or "
+            "a parameter's name",
+        ),
     ),
     "no spring": (
         ('effects.e={type="spring_damper", joint="hinge"}',),
@@ -164,7 +167,27 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "ends that cross": (
         ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=1, upper=0.5}',),
-        ("effects.e.lower = 1: must be below upper = 0.5",),
+        ("effects.e.lower = 1.0: must be below upper = 0.5",),
+    ),
+    "ends that cross by a parameter": (
+        ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower="p", upper=0.5}',),
+        ('effects.e.lower = "p": must be below upper = 0.5, not 1',),
+    ),
+    "ends that cross by the value of a run": (
+        ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=0.5, upper="p"}', "parameters.p.value=0.2"),
+        ("effects.e.lower = 0.5: must be below upper = 0.2",),
+    ),
+    "an end that is no parameter": (
+        ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=0, upper="q"}',),
+        ("effects.e.upper = \"q\": there is no such parameter; known: negative, p",),
+    ),
+    "a speed that is not positive": (
+        ('effects.e={type="joint_friction", joint="hinge", limit=1, speed="negative"}',),
+        ("parameters.negative.nominal = -1.0: must be positive, because effects.e.speed uses it",),
+    ),
+    "damping of a stop below zero": (
+        ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=0, damping="negative"}',),
+        ("parameters.negative.nominal = -1.0: must not be negative, because effects.e.damping uses it",),
     ),
     "a soft stop": (
         ('effects.e={type="end_stop", joint="hinge", stiffness=0, lower=1}',),

@@ -154,7 +154,6 @@ OF_COMMANDS = {"api", "cli", "results", "runtime", "figures", "report"}
 #: Modules of commands that use more, and what: these have no function in the interface.
 MORE = {
     "animate": {"models", "studies"},
-    "check": {"bodies", "components", "mechanism", "scene", "studies"},
     "export": {"export"},
     "new": {"scene"},
     "run": {"bodies", "experiments", "mechanism", "models", "scene", "studies"},

@@ -128,11 +128,9 @@ def test_more_builds_than_are_made_are_refused() -> None:
 @pytest.mark.parametrize(
     ("override", "purpose", "line"),
     [
-        ("reduction.sampling_tolerance=0.01", Purpose.BUILD, "models of several lengths have the same angles"),
         ("simulation.tolerance=0.01", Purpose.FULL, "simulation.tolerance finds the step of one mechanism"),
         ("simulation.tolerance=0.01", Purpose.REDUCED, "pgmp build finds one for the extreme lengths too"),
         ('reduction.effects="auto"', Purpose.BUILD, "effects are chosen for one mechanism"),
-        ("reduction.modes=3", Purpose.TRADEOFF, "settings are compared for one mechanism; give it a number"),
     ],
 )
 def test_what_needs_one_mechanism_is_refused_by_name(override: str, purpose: Purpose, line: str) -> None:

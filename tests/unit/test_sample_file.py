@@ -92,6 +92,13 @@ def test_a_bad_table_is_one_message_with_its_line(scene: Scene, tmp_path: Path, 
     assert str(caught.value).startswith("--samples ")
 
 
+def test_ends_of_a_stop_that_cross_are_refused_with_their_line(tmp_path: Path) -> None:
+    stop = 'effects.stop={type="end_stop",joint="crank_hinge",stiffness=10.0,lower=-1.0,upper="end"}'
+    scene = slider_crank("parameters.end={nominal=1.0}", stop, "parameters.r1.distribution={name='norm',scale=1e-3}")
+    with pytest.raises(InputError, match=r"line 3: effects\.stop\.lower = -1; must be below upper, -2"):
+        read_samples(csv(tmp_path, "r1,end\n5e-3,0.5\n5e-3,-2\n"), scene, None)
+
+
 def test_no_table_at_all(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such file"):
         read_samples(tmp_path / "no.csv", scene, None)

@@ -7,14 +7,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from runs import full_model, reduced_model
+from length_scenes import SMALL, long_crank, numbered
+from mpi4py import MPI
+from runs import full_model, read_meshes, reduced_model
 from test_results import assert_same
-from tradeoffs import TINY, small_scene, study
+from tradeoffs import LEAST, TINY, small_scene, study
 
 from pgmp_petsc.experiments.history import floors_of, largest_errors, run_history
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from pgmp_petsc.studies.tradeoff_values import held_out
 
 # a part of the revolution: the closure takes less time
@@ -129,6 +132,21 @@ def test_several_parameters() -> None:
     assert [result.columns["nodes"][row] for row in surfaces] == [5, 10]
     assert np.isfinite(result.errors[surfaces]).all()
     assert (result.errors[surfaces[1]] < result.errors[surfaces[0]]).all()
+
+
+def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
+    run = "reduction.angles=24", "ensemble.batch=16"
+    named = long_crank(*SMALL, *run, settings=("rod_length=0.68",))
+    number = numbered(0.68, *SMALL, *run, "parameters.rod_length={nominal=0.7}")
+    one, other = (
+        measure_tradeoff(scene, read_meshes(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
+    )
+    assert one.varied == ("r1",)
+    # the eigensolver starts from a random vector
+    np.testing.assert_allclose(one.errors, other.errors, rtol=1e-5)
+    (said,) = [remark.text for remark in one.record.remarks if "settings are compared at" in remark.text]
+    assert "rod_length = 0.68, other values with --set; over all lengths a build is 4 of those" in said
+    assert not [remark for remark in other.record.remarks if "compared at" in remark.text]
 
 
 def test_a_scene_without_outputs_is_refused() -> None:

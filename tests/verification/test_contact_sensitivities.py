@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from differences import ToRoundOff, compare
+from length_scenes import GUIDE, SMALL, long_crank
 from mpi4py import MPI
-from runs import reduced_model
+from runs import reduced_model, rom_of
 from scenes import PENDULUM, slider_crank
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.fit import Fit
@@ -127,6 +126,47 @@ def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: 
     compare(model, (2e-5,), "push")
 
 
+# thrown against the slider's stop, with all that acts on joints and points
+THROWN = (
+    "simulation.duration=0.03",
+    'effects.stop={type="end_stop",joint="slider",upper=0.9895,stiffness=2e3,damping=0.2}',
+    'effects.brake={type="joint_friction",joint="elbow",limit=0.05,speed=20.0}',
+    'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient=0.02}',
+    'effects.spring={type="spring_damper",points=["ground:guide","rod:tip"],stiffness=50.0,damping=0.5,rest=0.9}',
+    'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,'
+    "harmonic={amplitude=4.0,frequency_hz=30.0}}",
+    'effects.push={type="force",point="crank:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
+)
+LENGTHS = {
+    "rod_length": (
+        (), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
+        'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}',
+    ),
+    "height": (
+        ("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}",
+        "parameters.height.value=0.015",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(LENGTHS))
+def test_derivatives_with_a_length_or_place_through_contacts_are_central_differences(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a stop is met its force has a corner, at which the length and the coordinates take the same side."""
+
+    def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
+        return integrate(ToRoundOff(system), *arguments, **named)
+
+    where, *acting = LENGTHS[name]
+    scene = long_crank(*SMALL, *where, *THROWN, *acting)
+    # the modes of a scene without them: accuracy has no part in it
+    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL, *where))), [name])
+    assert [contact.met for contact in differentiate(lanes, scene.values, [name]).contacts] == [True, False]
+    monkeypatch.setattr(differentiated, "integrate", carefully)
+    compare(lanes, (1e-3, 1e-5), name)
+
+
 # a bar that is too stiff to bend meets a soft stop: a free motion, half a period of the stop's spring, and back
 SPEED, PLACE = 2.0, 0.0507
 BAR = (
@@ -185,21 +225,17 @@ def test_a_bouncing_bar_has_the_derivatives_of_its_closed_form() -> None:
 
 
 def test_a_stop_that_moves_has_the_derivatives_of_its_closed_form() -> None:
-    """No scene has a parameter for its place, but laws have: the stop at b times k is met b / v later for every k."""
-    model = bar()
-    (action,), k = model.actions.actions, model.scene.values["k"]
-    stiffness, damping, _, side = action.parameters
-    b = PLACE / k
-    moving = replace(action, parameters=(Quantity(k), damping, Quantity(b, stiffness.monomial), side))
-    model._actions = replace(model.actions, actions=(moving,))  # noqa: SLF001
-    run = differentiate(model, model.scene.values, ["k"])
+    """A stop that is farther away is met later by 1 / v for every radian."""
+    moving = f"parameters.place={{nominal={PLACE}}}", 'effects.stop.upper="place"'
+    model = reduced_model(scene_from_toml(BAR, ".", (STIFF, *moving)))
+    run = differentiate(model, model.scene.values, ["place"])
     met, left = run.contacts
-    assert met.derivatives[0] == pytest.approx(b / SPEED, rel=1e-9)
+    assert met.derivatives[0] == pytest.approx(1.0 / SPEED, rel=1e-9)
     # half a period is as long wherever it is, and the way to the stop and back is longer; (omega h)^2 for the scheme
-    error = k / inertia(model) * 1e-6
-    assert left.derivatives[0] == pytest.approx(b / SPEED, rel=error)
-    np.testing.assert_allclose(run.derivatives["angle"]["k"][run.time > left.time], 2.0 * b, rtol=error)
-    compare(model, (1e-4,), "k")
+    error = model.scene.values["k"] / inertia(model) * 1e-6
+    assert left.derivatives[0] == pytest.approx(1.0 / SPEED, rel=error)
+    np.testing.assert_allclose(run.derivatives["angle"]["place"][run.time > left.time], 2.0, rtol=error)
+    compare(model, (1e-4,), "place")
 
 
 def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing: ReducedModel) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from runs import rom_of
+from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
+from runs import history, reduced_model, rom_of, samples
 from scenes import RADIUS, kinematics_of, slider_crank
 
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
@@ -54,6 +56,29 @@ def test_angles_come_where_the_modes_change_fast() -> None:
     gaps = np.diff(np.append(theta, 2 * np.pi))
     # the frequencies of the slider-crank change fastest beside the dead centre at 0
     assert gaps[0] < 1.01 * gaps.min() and gaps[0] < 0.6 * gaps.max()
+
+
+def test_models_of_all_lengths_have_the_angles_that_the_extreme_ones_ask_for() -> None:
+    more = (*SMALL, "reduction.sampling_tolerance=0.05")
+    scene = long_crank(*more)
+    rom = rom_of(scene)
+    common = rom.tables.samples.axes[0].theta
+    own = [rom_of(numbered(length, *more)).tables.samples.axes[0].theta for length in (0.7, LOW, HIGH)]
+    np.testing.assert_array_equal(common, np.unique(np.concatenate(own)))
+    assert common.size > 12
+    for member in rom.family.members:
+        np.testing.assert_array_equal(member.tables.samples.axes[0].theta, common)
+    (said,) = [remark.text for remark in rom.record.remarks if "sampling_tolerance" in remark.text]
+    counts = ", ".join(str(theta.size) for theta in own)
+    assert f"{common.size} angles, all that the nominal lengths and the ends of their ranges ask for ({counts})" in said
+    # a run at an end, with the angles of all, is that of the model of this length with its own ones
+    at_end, number = (
+        ReducedModel(scene.with_values({"rod_length": HIGH}), rom),
+        reduced_model(numbered(HIGH, *more)),
+    )
+    (_, found), (_, expected) = (history(model, samples(model.scene, 1), 1) for model in (at_end, number))
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=0.05 * np.abs(values).max())
 
 
 def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:

@@ -116,8 +116,10 @@ def _spring(
         yield doubt(
             where, "negative: it drives the mechanism away from its rest, as a magnet or a toggle does", stiffness
         )
-    if isinstance(effect, kinds.SpringDamper) and effect.points is not None and effect.rest < 0.0:
-        yield refusal(f"{entry}.rest", "a distance between points is not negative", effect.rest)
+    if isinstance(effect, kinds.SpringDamper) and effect.points is not None:
+        where_rest, rest = named(scene, f"{entry}.rest", effect.rest)
+        if rest < 0.0:
+            yield refusal(where_rest, "a distance between points is not negative", rest)
     if not whole:
         return
     turns = not slides(scene, effect)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.plausibility.bodies import Size
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
+from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 from pgmp_petsc.studies.plausibility.loads import FAST, LIGHT
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
@@ -20,7 +20,8 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding
     length = max((size.length for size in sizes.values()), default=0.0)
     for name, state in scene.simulation.initial.items():
         entry = f"simulation.initial.{name}"
-        yield from _fast(f"{entry}.velocity", state.velocity, length, state.velocity)
+        where, velocity = named(scene, f"{entry}.velocity", state.velocity)
+        yield from _fast(where, velocity, length, velocity)
         if abs(state.position) > MANY_TURNS:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():

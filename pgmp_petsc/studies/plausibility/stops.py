@@ -12,7 +12,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EndStop, PrescribedMotion
 from pgmp_petsc.scene.slides import slides
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
+from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
@@ -41,14 +41,15 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
             kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
             start, unit = _measured(kinematics, scene, effect)
             deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
-        for key, end, depth in (
-            ("lower", effect.lower, (effect.lower or 0.0) - start),
-            ("upper", effect.upper, start - (effect.upper or 0.0)),
-        ):
-            if end is not None and depth > 1e-9 * deepest:
+        for key, side in (("lower", -1.0), ("upper", 1.0)):
+            if getattr(effect, key) is None:
+                continue
+            where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
+            depth = side * (start - end)
+            if depth > 1e-9 * deepest:
                 make = refusal if depth > deepest else doubt
                 yield make(
-                    f"effects.{name}.{key}",
+                    where,
                     f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws "
                     "it back; move the stop or the start (simulation.initial)",
                     end,
