@@ -22,6 +22,7 @@ from pgmp_petsc.indicator.coverage import (
     why_not_of_full_order,
 )
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.indicator.starting_jump import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -267,16 +268,17 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
+    balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
-         *remarks_of(model.scene, found)),
+         *jump_remarks(model, balance.strain), *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
         fields=field_frames(fields.seen, model.kinematics, frames, seen),
-        balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
+        balance=with_weights(balance, model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,
         **described,
