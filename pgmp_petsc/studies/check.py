@@ -161,7 +161,7 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     for name, parameter in scene.parameters.items():
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
-        lines.append(f"  parameter     {name} = {parameter.current:g} {parameter.unit}{drawn}")
+        lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
     mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
     lines.append(
         f"  affine terms  {len(mass)} of mass ({', '.join(map(str, mass))}), "
