@@ -17,6 +17,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     is_estimated,
+    large_errors,
     left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
@@ -256,7 +257,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
         fields = model.fields()
         seen = fields_over(fields, eta[part.shown], model.scene.values)
-    remarks, estimate = [], None
+    remarks, errors = [], None
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
         remarks += [*_why_stopped(model, part, reason), *steps]
@@ -264,7 +265,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        remarks += [*steps, *_not_estimated(estimate, model.scene), *left_out_of_estimates(model)]
+        errors = _errors(estimate, model.outputs.evaluate(part.outputs))
+        remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
@@ -279,7 +281,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         modal=eta[:, n_theta:],
         fields=field_frames(fields.seen, model.kinematics, frames, seen),
         balance=with_weights(balance, model, eta[0]),
-        errors=None if estimate is None else _errors(estimate, described["outputs"]),
+        errors=errors,
         validity=found,
         **described,
     )

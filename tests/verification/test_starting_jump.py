@@ -125,3 +125,18 @@ def test_springs_count_and_loads_that_grow_do_not() -> None:
 def test_a_spinning_start_has_no_static_deformation() -> None:
     (remark,) = said(reduced("[simulation.initial.theta]\nvelocity = 10.0\n"))
     assert remark.kind == "note" and "with the inertia forces of its speed acting at once" in remark.text
+
+
+def test_large_estimated_errors_are_warned_of() -> None:
+    """Eleven steps in the lowest period (9.1 Hz) turn the swing of a bar by (omega h)^2 / 12 of its 28 rad, 0.8 rad."""
+    output = '\n[outputs.bend]\ntype = "deformation"\npoint = "bar:tip"\naxis = "y"\n'
+    model = reduced(WEIGHT + HELD + output)
+    for step, n_warnings in ((1e-2, 1), (5e-4, 0)):
+        changed = {"step": step, "duration": 0.5, "error_indicator": True}
+        simulation = model.scene.simulation.model_copy(update=changed)
+        other = model.with_loads(model.scene.model_copy(update={"simulation": simulation}))
+        run = simulate_reduced(other, MPI.COMM_SELF)
+        found = [remark for remark in run.record.remarks if "large estimated errors" in remark.text]
+        assert len(found) == n_warnings
+        if found:
+            assert found[0].kind == "warning" and f"bend {100 * run.errors.share('bend'):.2g} %" in found[0].text
