@@ -340,10 +340,7 @@ class ReducedSystem:
         return reasons[samples]
 
     def stiffness_and_inertia(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the residual with positions and accelerations, each (n_samples, n_eta, n_eta).
-
-        Springs are in the former, dampers in neither.
-        """
+        """Return the residual's derivatives with positions and with accelerations, each (n_samples, n_eta, n_eta)."""
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
         stiffness, both = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
         return stiffness, both - stiffness

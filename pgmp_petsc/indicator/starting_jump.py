@@ -56,17 +56,17 @@ def jump_remarks(model: ReducedModel, strain: np.ndarray) -> tuple[Remark, ...]:
     share = 2.0 * np.sqrt(max(energy, 0.0) / largest)
     if not share >= LARGE:
         return ()
-    at_once = ", ".join(_acting(model, system, state)) or "the inertia forces of its speed"
+    at_once = ", ".join(_acting(model, system, state)) or "inertia forces of its speed"
     what = (
-        f"the run starts undeformed, with {at_once} acting at once: the vibration that this sets off, up to twice the "
-        f"static deformation, makes {min(100.0 * share, 100.0):.0f} % of the run's largest deformation"
+        f"the run starts undeformed, with {at_once} at once: the vibration that this sets off makes "
+        f"{min(100.0 * share, 100.0):.0f} % of its largest deformation"
     )
-    if not any(isinstance(effect, StructuralDamping) for effect in model.scene.effects.values()):
-        what += "; nothing in the bodies damps it, and over time it falls out of step with that of a better model"
+    damped = any(isinstance(effect, StructuralDamping) for effect in model.scene.effects.values())
+    lasts = "" if damped else "; nothing in the bodies damps it: it falls out of step with that of a better model"
     if _is_cured(model, system, state, swing, energy):
-        return (warning(f"{what}; initial.equilibrium = true starts with the static deformation"),)
+        return (warning(f"{what}; initial.equilibrium = true starts with the static one{lasts}"),)
     cure = "let loads grow from zero, or add structural_damping"
-    return (note(f"{what}; where it is not meant so, {cure} (a start from static deformation does not help here)"),)
+    return (note(f"{what}; where that is not meant, {cure} (initial.equilibrium = true does not help here){lasts}"),)
 
 
 def _quasi_static(model: ReducedModel, system: ReducedSystem, state: State) -> np.ndarray:

@@ -48,10 +48,8 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     worst = max(known, key=lambda name: np.max(known[name][1]))
     time, error = known[worst]
     alike = ", with the same time step," if comparison.same_steps else ""
-    return (
-        f"differs from {MODELS[other.model]}{alike} by at most {share_text(np.max(error) / 100.0)} of the largest {worst}, "
-        f"at {time[np.argmax(error)]:.4g} s"
-    )
+    share, when = share_text(np.max(error) / 100.0), f"{time[np.argmax(error)]:.4g} s"
+    return f"differs from {MODELS[other.model]}{alike} by at most {share} of the largest {worst}, at {when}"
 
 
 def headline_of_ensemble(path: Path) -> str:

@@ -83,7 +83,9 @@ def _named(path: Path, column: str, units: dict[str, str]) -> str:
         return column
     name, unit = parts.groups()
     if unit.strip() != units[name]:
-        raise InputError(f"'{path}': the column '{column}' has to be in {units[name]}: convert it, and name it '{name}'")
+        raise InputError(
+            f"'{path}': the column '{column}' has to be in {units[name]}: convert it, and name it '{name}'"
+        )
     return name
 
 

@@ -266,7 +266,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, model.outputs.evaluate(part.outputs))
-        remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene), *left_out_of_estimates(model)]
+        remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene)]
+        remarks += left_out_of_estimates(model)
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
