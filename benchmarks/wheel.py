@@ -193,7 +193,7 @@ def main() -> None:
             print(f"\n{table.markdown()}", flush=True)
         words = [word.format(root=ROOT) for word in REFUSED]
         done = run(python, "-m", "pgmp_petsc.cli.main", *words, "-o", folder / "refused.h5", check=False)
-        print(f"\npgmp {' '.join(REFUSED)}: status {done.returncode}\n{done.stderr}")
+        print(f"\npgmp {' '.join(words)}: status {done.returncode}\n{done.stderr}")
 
 
 if __name__ == "__main__":

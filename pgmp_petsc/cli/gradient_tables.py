@@ -39,7 +39,7 @@ def lines_of(found: Derivatives) -> Iterator[str]:
             yield from _rows(found, output, figure, shown)
             shown = ""
     for name, (change, what) in found.changes.items():
-        yield f"  {name:24s}{'changes by':11s}{change:14.5g} {_named(found.units.get(name, '1'))}, {what}".rstrip()
+        yield f"  {name:24s}{'changes by':11s}{change:14.5g}{_behind(found.units.get(name, '1'))}, {what}"
 
 
 def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
@@ -60,12 +60,17 @@ def _named(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
+def _behind(unit: str) -> str:
+    """Return a unit as it stands behind a number; nothing where there is none."""
+    return f" {unit}" if _named(unit) else ""
+
+
 def fit_lines(found: Fit) -> Iterator[str]:
     """Yield the parameters with their standard errors, their correlations, and the noise of the outputs."""
     yield f"  {'':24s}{'estimate':>14s}{'standard error':>18s}{'':12s}{'began at':>14s}  searched in"
     for p in found.parameters:
         share = f"({100 * p.error / abs(p.estimate):.2g} %)" if np.isfinite(p.error) and p.estimate else ""
-        limits = f"[{p.lower:.5g}, {p.upper:.5g}] {_named(p.unit)}"
+        limits = f"[{p.lower:.5g}, {p.upper:.5g}]{_behind(p.unit)}"
         error = f"{p.error:18.3g}" if np.isfinite(p.error) else f"{'not identifiable':>18s}"
         yield f"  {p.name:24s}{p.estimate:14.7g}{error}{share:>12s}{p.start:14.5g}  {limits}".rstrip()
     names = [p.name for p in found.parameters]
@@ -76,7 +81,7 @@ def fit_lines(found: Fit) -> Iterator[str]:
         left = float(np.sqrt(np.mean((output.fitted - output.measured) ** 2)))
         begun = float(np.sqrt(np.mean((output.begun - output.measured) ** 2)))
         noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
-        yield f"  {name:24s}{left:14.4g} {_named(output.unit)} left of {begun:.4g}; {noise}"
+        yield f"  {name:24s}{left:14.4g}{_behind(output.unit)} left of {begun:.4g}; {noise}"
 
 
 def design_lines(found: Design) -> Iterator[str]:
@@ -89,4 +94,4 @@ def design_lines(found: Design) -> Iterator[str]:
         begun, now = (f"{value:+14.4g}" for value in (constraint.start, constraint.value))
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:
-        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g} {_named(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"
+        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{_behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"

@@ -338,15 +338,19 @@ class ReducedSystem:
         """
         finite = np.isfinite(state.q).all(axis=1) & np.isfinite(state.v).all(axis=1) & np.isfinite(state.a).all(axis=1)
         reasons = np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
-        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
-        stiff, heavy = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
+        stiffness, inertia = self.stiffness_and_inertia(time, state)
         r = self.tables.n_coordinates
         for sample in np.flatnonzero(finite & samples):
-            inertia = heavy[sample] - stiff[sample]
-            stiffness = stiff[sample, r:, r:]
-            if not (np.linalg.eigvalsh(inertia)[0] > 0.0 and np.linalg.eigvalsh(stiffness)[0] > 0.0):
+            lowest = [np.linalg.eigvalsh(matrix)[0] for matrix in (inertia[sample], stiffness[sample, r:, r:])]
+            if not min(lowest) > 0.0:
                 reasons[sample] = Status.BROKE_DOWN
         return reasons[samples]
+
+    def stiffness_and_inertia(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual's derivatives with positions and with accelerations, each (n_samples, n_eta, n_eta)."""
+        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
+        stiffness, both = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
+        return stiffness, both - stiffness
 
     def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""

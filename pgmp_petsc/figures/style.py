@@ -150,8 +150,9 @@ def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
     largest = max((np.nanmax(np.abs(values), initial=0.0) for values in arrays), default=0.0)
     if unit not in _PREFIXED_UNITS or not np.isfinite(largest) or largest == 0.0:
         return 1.0, unit
-    # 0.3 m reads better than 300 mm: the prefix changes at a tenth of the unit.
-    power = int(np.floor(np.log10(largest * 10.0) / 3.0 + 1e-9))
+    # 0.3 m reads better than 300 mm, so that the prefix changes at a tenth of the unit; 150 MPa better than 0.15 GPa
+    tenth = 1.0 if unit in ("N", "Pa") else 10.0
+    power = int(np.floor(np.log10(largest * tenth) / 3.0 + 1e-9))
     power = min(max(power, -3), 0 if unit in ("m", "s", "rad") else 3)
     return 1000.0**-power, f"{_PREFIXES[power]}{unit}"
 

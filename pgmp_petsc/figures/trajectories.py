@@ -54,6 +54,11 @@ class Comparison:
         """The models that are there, in words."""
         return " and ".join(MODELS[run.model] for run in self.runs)
 
+    @property
+    def same_steps(self) -> bool:
+        """Whether both runs have the same instants, so that errors of the time step hardly show between them."""
+        return len({(run.time.tobytes(), run.steps_divided) for run in self.runs}) == 1
+
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+
+HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
 
 
 def is_estimated(scene: Scene) -> bool:
@@ -23,6 +26,21 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent(scene, "ensemble.checked_share = 0 switches the estimate off"),)
     return ()
+
+
+def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
+    """Return a warning of outputs that are hardly known, by their estimated errors."""
+    shares = {name: errors.share(name) for name in errors.outputs}
+    found = [f"{name} {100 * share:.2g} %" for name, share in shares.items() if share > HARDLY_KNOWN]
+    if not found:
+        return ()
+    return (
+        warning(
+            f"large estimated errors, as shares of the largest values over the run: {', '.join(found)}; a smaller "
+            "simulation.step (or simulation.tolerance) or a better basis (reduction.tolerance) makes them smaller, and "
+            "pgmp tradeoff measures which of them does"
+        ),
+    )
 
 
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:

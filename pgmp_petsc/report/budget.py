@@ -49,11 +49,14 @@ class ModelError:
         How it is known.
     datums
         The same as figures of the page.
+    with_step
+        The estimate that knows of the time step too, where this error does not; None otherwise.
     """
 
     shares: dict[str, float]
     how: str
     datums: dict[str, Datum]
+    with_step: ModelError | None = None
 
     @property
     def worst(self) -> str | None:
@@ -64,6 +67,12 @@ class ModelError:
 
 def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
     """Return the error of the reduced model: measured where runs of a better one are there, else estimated."""
+    estimated = _estimated(sources)
+    return _measured(comparisons, estimated) or estimated
+
+
+def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -> ModelError | None:
+    """Return the difference from the first run of a better model, and the estimate where that knows of more."""
     for comparison in comparisons:
         if comparison.full is not None and comparison.reduced is not None:
             shares = {}
@@ -71,12 +80,21 @@ def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) ->
                 found = comparison.error_percent(name) if name in comparison.full.outputs else None
                 shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
             how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, over the run"
-            return ModelError(shares, how, {name: Datum(v, share_text(v)) for name, v in shares.items()})
+            alike = comparison.same_steps
+            if alike:
+                how += ", with the same time step, whose own error does not show"
+            datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
+            return ModelError(shares, how, datums, estimated if alike else None)
+    return None
+
+
+def _estimated(sources: Sequence[Source]) -> ModelError | None:
+    """Return the estimate of the first run that has one."""
     for source in sources:
         if isinstance(source.result, Trajectory) and source.result.errors is not None:
             errors = source.result.errors
             shares = {name: errors.share(name) for name in errors.outputs}
-            how = "estimated from residuals of the full-order equations, over the run"
+            how = "estimated from residuals of the full-order equations, over the run; the time step's own is in it"
             datums = {
                 name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
                 for name, share in shares.items()
@@ -103,8 +121,9 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
     """Yield what reduction and step do to outputs, in single runs and in ensembles."""
     models = {source.result.model for source in sources if isinstance(source.result, (Trajectory, Ensemble))}
     if error is not None and error.worst is not None:
-        for name, share in sorted(error.shares.items(), key=lambda item: -np.nan_to_num(item[1], nan=-1.0)):
-            yield Line(f"model: {in_words(name)}", [error.datums[name]] if np.isfinite(share) else [], error.how)
+        for what, one in (("model", error), ("model and time step", error.with_step)):
+            for name, share in () if one is None else sorted(one.shares.items(), key=_largest_first):
+                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], one.how)
     elif "reduced" in models:
         how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
@@ -131,6 +150,11 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
             )
+
+
+def _largest_first(item: tuple[str, float]) -> float:
+    """Return the key by which errors that are not known come last."""
+    return -float(np.nan_to_num(item[1], nan=-1.0))
 
 
 def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:

@@ -42,12 +42,14 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     run, other = Trajectory.read(path), Trajectory.read(better)
     comparison = Comparison(other, run)
     found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
-    shares = {name: float(np.max(error[1])) / 100.0 for name, error in found.items() if error is not None}
-    shares = {name: share for name, share in shares.items() if np.isfinite(share)}
-    if not shares:
+    known = {name: error for name, error in found.items() if error is not None and np.isfinite(error[1]).all()}
+    if not known:
         return f"{MODELS[other.model]}: its outputs are zero or not known, so no share can be given"
-    worst = max(shares, key=shares.__getitem__)
-    return f"differs from {MODELS[other.model]} by at most {share_text(shares[worst])} of the largest {worst}"
+    worst = max(known, key=lambda name: np.max(known[name][1]))
+    time, error = known[worst]
+    alike = ", with the same time step," if comparison.same_steps else ""
+    share, when = share_text(np.max(error) / 100.0), f"{time[np.argmax(error)]:.4g} s"
+    return f"differs from {MODELS[other.model]}{alike} by at most {share} of the largest {worst}, at {when}"
 
 
 def headline_of_ensemble(path: Path) -> str:

@@ -17,6 +17,8 @@ from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
 from pgmp_petsc.results.numbers import percent
 
+MUCH_MORE = 2.4  # times the measured error: beyond it 5 % of the estimates are too large, see docs/method.md
+
 
 def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentence]:
     """Return the sentences, the most telling one first."""
@@ -104,6 +106,14 @@ def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Se
             error.datums[error.worst],
             f" of the largest {of}, the worst of the outputs; {error.how}.",
         ]
+        known = error.with_step
+        if known is not None and known.worst and known.shares[known.worst] > MUCH_MORE * error.shares[error.worst]:
+            yield [
+                "With the error of the time step it is estimated to be ",
+                known.datums[known.worst],
+                f" of the largest {in_words(known.worst)}: take a smaller simulation.step, or name a "
+                "simulation.tolerance.",
+            ]
     elif "reduced" in models:
         checked = [part for source in ensembles for part in _checked(source)]
         if checked:

@@ -13,6 +13,8 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import check_slender
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects.laws import SOURCE
+from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
@@ -78,10 +80,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
-    start_of(scene, mechanism)
-    if scene.initial.equilibrium:
-        how = scene.initial.coordinates
-        lines.append(f"  start         static equilibrium under the loads at time zero, coordinates {how}")
+    lines += _start(scene, effects, loads, kinematics)
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
@@ -162,7 +161,7 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     for name, parameter in scene.parameters.items():
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
-        lines.append(f"  parameter     {name} = {parameter.current:g} {parameter.unit}{drawn}")
+        lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
     mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
     lines.append(
         f"  affine terms  {len(mass)} of mass ({', '.join(map(str, mass))}), "
@@ -190,6 +189,32 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
         adds = [f"{n} {what}{'s' if n != 1 else ''}" for what, n in counts.items() if n]
         lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
     return lines
+
+
+def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinematics: RigidKinematics) -> list[str]:
+    """Say in which state runs start, where loads act on it; empty where bodies start undeformed and without loads."""
+    mechanism = kinematics.mechanism
+    theta, _ = start_of(scene, mechanism)
+    if scene.initial.equilibrium:
+        how = scene.initial.coordinates
+        return [f"  start         static equilibrium under the loads at time zero, coordinates {how}"]
+    if not any(body.flexible for body in mechanism.bodies):
+        return []
+    loaded, poses = {load.effect for load in loads}, kinematics.poses(theta)[..., 0]
+    acting = {effect.name for effect in effects if effect.name in loaded and np.any(effect.amplitude(np.zeros(1)))}
+    for action in actions_of(effects):
+        if action.law == SOURCE:
+            acts = np.any(action.amplitude(np.zeros(1)))
+        else:
+            acts = action.is_spring and spring_force(action, mechanism, poses, theta, scene.values) != 0.0
+        acting |= {action.effect} if acts else set()
+    if not acting:
+        return []
+    names = ", ".join(name for name in scene.effects if name in acting)
+    return [
+        f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "
+        "twice as far; where the mechanism is held or driven, initial.equilibrium = true starts with it"
+    ]
 
 
 def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, int]:

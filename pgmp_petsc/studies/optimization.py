@@ -172,6 +172,8 @@ class _Figures:
     ----------
     start, scale, limits
         Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
+    narrowed
+        Spread of the samples and what it leaves of the limits, in words, by parameters whose limits it narrows.
     n_samples
         Runs of every design.
     tried, goals
@@ -189,6 +191,7 @@ class _Figures:
         self.start = np.array([scene.values[name] for name in question.names])
         self.scale = np.where(self.start != 0.0, np.abs(self.start), np.ptp(self.limits, axis=1))
         self._offsets = self._drawn()
+        self.narrowed: dict[str, tuple[str, str]] = {}
         self._make_room()
         self.n_samples = 1 if self._offsets is None else question.n_samples
         self.tried: list[np.ndarray] = []
@@ -218,6 +221,8 @@ class _Figures:
                 low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
             elif name in scene.positive_parameters:
                 low = max(low, low - drawn.min())
+            if (low, high) != tuple(limits):
+                self.narrowed[name] = f"from {drawn.min():+.4g} to {drawn.max():+.4g}", f"[{low:.6g}, {high:.6g}]"
             if low >= high:
                 raise InputError(
                     f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a "
@@ -356,5 +361,12 @@ def _of_robust(question: Question, figures: _Figures) -> list[Remark]:
             f"{figures.n_samples} samples (seed {question.seed}), the same of every design; parameters of the design "
             "vary about it as their distributions do about their nominal values. Sampling leaves an error that a "
             "larger --samples makes smaller"
-        )
+        ),
+        *(
+            note(
+                f"{name}: its samples vary {spread} about the design and stay between its limits, so that the design "
+                f"was searched in {room} alone; wider bounds give it more room"
+            )
+            for name, (spread, room) in figures.narrowed.items()
+        ),
     ]

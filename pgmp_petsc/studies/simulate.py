@@ -17,11 +17,13 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     is_estimated,
+    large_errors,
     left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
 )
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.indicator.starting_jump import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -255,7 +257,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
         fields = model.fields()
         seen = fields_over(fields, eta[part.shown], model.scene.values)
-    remarks, estimate = [], None
+    remarks, errors = [], None
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
         remarks += [*_why_stopped(model, part, reason), *steps]
@@ -263,21 +265,24 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        remarks += [*steps, *_not_estimated(estimate, model.scene), *left_out_of_estimates(model)]
+        errors = _errors(estimate, model.outputs.evaluate(part.outputs))
+        remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene)]
+        remarks += left_out_of_estimates(model)
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
+    balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
-         *remarks_of(model.scene, found)),
+         *jump_remarks(model, balance.strain), *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
         fields=field_frames(fields.seen, model.kinematics, frames, seen),
-        balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
-        errors=None if estimate is None else _errors(estimate, described["outputs"]),
+        balance=with_weights(balance, model, eta[0]),
+        errors=errors,
         validity=found,
         **described,
     )

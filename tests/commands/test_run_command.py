@@ -63,7 +63,7 @@ def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> No
     assert lines["simulate"][0].startswith("reduced, 30 steps to 0.03 s; estimated error at most ")
     predicted, measured = lines["compare"]
     assert "is predicted to take" in predicted or "are predicted to take" in predicted
-    assert measured.startswith("differs from full order by at most ")
+    assert measured.startswith("differs from full order, with the same time step, by at most ")
     assert lines["ensemble"][-1].startswith("32 samples, 0 failed; P(slider_deformation above ")
     assert lines["report"][0].startswith(f"{folder / 'report.html'}: 4 files, ")
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}

@@ -261,6 +261,8 @@ def test_units_get_readable_prefixes():
     assert axis_unit("m", np.array([0.3])) == (1.0, "m")
     assert axis_unit("m", np.array([2e-5])) == (1e6, "µm")
     assert axis_unit("Pa", np.array([2.1e11]))[1] == "GPa"
+    assert axis_unit("Pa", np.array([1.5e8])) == (pytest.approx(1e-6), "MPa")
+    assert axis_unit("N", np.array([150.0])) == (1.0, "N")
     assert axis_unit("rad", np.array([5.3, np.nan])) == (1.0, "rad")
     assert axis_unit("kg/m3", np.array([7800.0])) == (1.0, "kg/m3")
     assert axis_unit("m", np.array([])) == (1.0, "m")

@@ -28,6 +28,7 @@ from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import solids
 from pgmp_petsc.figures.stage import Stage, drawing, view_of
 from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 
@@ -225,6 +226,16 @@ def test_what_cannot_become_a_film(name: str, more: Sequence[str], message: str,
     Path("notes.gif").write_text("mine")
     assert message in refused(name, *more)
     assert Path("notes.gif").read_text() == "mine" and not Path("film.gif").exists()
+
+
+def test_a_warning_of_the_run_is_no_note(tmp_path: Path) -> None:
+    run = synthetic.trajectory("reduced", n_frames=3)
+    warned = replace(run.record, remarks=(Remark("warning", "the rod bends far"),))
+    replace(run, record=warned).write(tmp_path / "run.h5")
+    done = command(tmp_path / "run.h5", "-o", tmp_path / "run.gif", "--seconds", 1, "--field", "none")
+    assert done.exit_code == 0, done.exception
+    said = done.output
+    assert "\n  warning: the rod bends far\n" in said and "note: warning" not in said
 
 
 @pytest.mark.parametrize(

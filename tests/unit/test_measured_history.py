@@ -30,6 +30,16 @@ def test_columns_are_read_by_their_names(tmp_path: Path) -> None:
     assert [remark.text for remark in found.remarks] == [f"columns of '{path}' that are no outputs have no part: load"]
 
 
+def test_tables_of_this_program_are_read(tmp_path: Path) -> None:
+    """They have units behind their names."""
+    found = read_history(written(tmp_path, "time (s),angle (rad),bend(m),x (y)\n0,1,2,3\n"), OUTPUTS, DURATION)
+    assert (list(found.time), {name: list(own) for name, own in found.outputs.items()}) == (
+        [0.0],
+        {"angle": [1.0], "bend": [2.0]},
+    )
+    assert found.remarks[0].text.endswith("have no part: x (y)")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -37,6 +47,9 @@ def test_columns_are_read_by_their_names(tmp_path: Path) -> None:
         ("t,angle\n0,1\n", "there is no column 'time' (s) in its first line; known: angle, t"),
         ("time,angel\n0,1\n", "none of its columns is an output of the scene; known: angle, bend"),
         ("time,angle,angle\n0,1,2\n", "2 columns are called 'angle'; one is needed"),
+        ("time (ms),angle\n0,1\n", "the column 'time (ms)' has to be in s: convert it, and name it 'time'"),
+        ("time,bend (mm)\n0,1\n", "the column 'bend (mm)' has to be in m: convert it, and name it 'bend'"),
+        ("time,angle,angle (rad)\n0,1,2\n", "2 columns are called 'angle'; one is needed"),
         ("time,angle\n", "there are no measurements in it, only a first line of names"),
         ("time,angle\n0,1\n0.1\n", "line 3 has 1 entries; the first line names 2 columns"),
         ("time,angle\n0,1\n0.1,x\n", "line 3: angle = 'x'; a finite number is needed"),

@@ -26,6 +26,7 @@ from pgmp_petsc.report.headlines import headline_of_comparison
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Selection
+from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import write_file
 from pgmp_petsc.runtime.remarks import note, warning
@@ -332,7 +333,36 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     assert "Slider deformation is not known at any instant." in verdict and "nan" not in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
     assert budget["model: slider deformation"] == "not known" and budget["model: slider position"] == "0 %"
-    assert headline_of_comparison(*files).startswith("differs from full order by at most 0 % of the largest slider_pos")
+    told = "differs from full order, with the same time step, by at most 0 % of the largest slider_position, at 0 s"
+    assert headline_of_comparison(*files) == told
+
+
+def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -> None:
+    """The estimate knows of the time step, a comparison with the same step does not."""
+    run, full = (synthetic.trajectory(model) for model in ("reduced", "full"))
+    times = np.linspace(0.0, 1.0, 11)
+    largest = {name: float(np.max(np.abs(values))) for name, values in run.outputs.items()}
+    files = [folder / "coarse_run.h5", folder / "coarse_full.h5", folder / "fine_full.h5"]
+    errors = {name: np.full(11, 0.8 * size) for name, size in largest.items()}
+    replace(run, errors=EstimatedErrors(times, errors, largest)).write(files[0])
+    full.write(files[1])
+    fine = {name: np.interp(np.linspace(0, 1, 401), full.time, values) for name, values in full.outputs.items()}
+    replace(synthetic.trajectory("full", n_frames=0, n_times=401), outputs=fine).write(files[2])
+
+    def of(*chosen: Path) -> tuple[str, dict[str, list[str]]]:
+        write_report(chosen, folder / "coarse.html")
+        tree = parsed((folder / "coarse.html").read_text(encoding="utf-8"))
+        return words(next(with_class(tree, "verdict"))), {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
+
+    verdict, budget = of(*files[:2])
+    assert re.search(r"Model error 3\.4 % .* with the same time step, whose own error does not show\.", verdict)
+    assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
+    assert budget["model: slider deformation"][0] == "3.4 %"
+    assert budget["model and time step: slider deformation"][0] == "80 %"
+    # a full-order run with smaller steps measures both at once
+    verdict, budget = of(files[0], files[2])
+    assert "same time step" not in verdict and "estimated" not in verdict
+    assert not any(what.startswith("model and time step") for what in budget)
 
 
 def test_marks_of_samples_that_failed_are_counted() -> None:

@@ -107,6 +107,9 @@ def test_samples_keep_within_the_bounds(wound: ReducedModel) -> None:
     offsets = draw(wound.scene, 4, 0, 8)["push"] - 1.0
     assert found.parameters[0].lower == pytest.approx(0.1 - offsets.min(), rel=1e-12)
     assert found.parameters[0].value == found.parameters[0].lower
+    (told,) = [remark.text for remark in found.record.remarks if "its samples vary" in remark.text]
+    assert told.startswith(f"push: its samples vary from {offsets.min():+.4g} to {offsets.max():+.4g} about the design")
+    assert f"searched in [{found.parameters[0].lower:.6g}, {found.parameters[0].upper:.6g}] alone" in told
 
 
 def test_limits_without_room_for_samples_are_refused(cantilever: ReducedModel) -> None:
