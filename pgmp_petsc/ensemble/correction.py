@@ -178,7 +178,7 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
         note(
             f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
             f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
-            f"{best} is surely curved counts through the parabola that fits. Quantiles, densities, bands and "
+            f"{best} is clearly curved counts through the parabola that fits. Quantiles, densities, bands and "
             f"Sobol indices are of {found.models[-1]} alone"
         )
     )

@@ -32,6 +32,8 @@ DEFENSIVE = 0.2  # share of samples from kernels about points
 OUTSIDE = 0.1  # and from outside the ball
 LARGER = 1.2  # probability of outside the ball over that of outside the nearest point, which is not the event's nearest
 FEWEST = 10  # points a cluster
+TRIES = 5  # starts of clusters
+SHRUNK = 2.0  # errors of the square of a mean that are taken from it
 KERNELS = 120  # about as many of the points; more take time and add little
 FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
 AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
@@ -124,7 +126,9 @@ def log_normal(points: np.ndarray) -> np.ndarray:
     return -0.5 * np.sum(points**2, axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
 
 
-def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> Mixture:
+def chosen_density(
+    points: np.ndarray, weights: np.ndarray, random: np.random.Generator, families: np.ndarray | None = None
+) -> Mixture:
     """Return the density that foretells the least variance of weights.
 
     Parameters
@@ -133,23 +137,27 @@ def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Ge
         Points of the event, shape (m, d), and how many each stands for, shape (m,); two points at least.
     random
         Which points try the densities that others make.
+    families
+        Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
+        where all points are independent.
     """
     from scipy.special import gammaincc
 
-    d, order, scores = points.shape[1], random.permutation(len(points)), {}
-    halves = order[::2], order[1::2]
-    for make, test in (halves, halves[::-1]):
+    families = np.arange(len(points)) if families is None else families
+    weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
+    d, scores = points.shape[1], {}
+    for make, test in _halves(families, random):
         other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
-        for choice, density in _densities(points[make], weights[make], random):
-            second_moment = np.average(np.exp(log_normal(other) - density.log(other)), weights=of_other)
-            scores[choice] = scores.get(choice, 0.0) + 0.5 * second_moment
+        for choice, density in _densities(points[make], weights[make], families[make], random):
+            distance = np.average(log_normal(other) - density.log(other), weights=of_other)
+            scores[choice] = scores.get(choice, 0.0) + 0.5 * distance
     nearest = float(np.min(np.sum(points**2, axis=1)))
     outside = min(1.0, LARGER * float(gammaincc(0.5 * d, 0.5 * nearest)))
     broad, of_broad = _some(points, weights, KERNELS, random)
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
-    if outside < least:
+    if np.log(outside) < least:  # all weights are `outside`
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
-    found = _density(points, weights, _clusters(points, weights, n_clusters, random), factor, random)
+    found = _density(points, weights, _clusters(points, weights, families, n_clusters, random), factor, random)
     main = 1.0 - DEFENSIVE - OUTSIDE
     kernels = KernelDensity(
         np.concatenate([found.centres, broad]),
@@ -157,6 +165,19 @@ def chosen_density(points: np.ndarray, weights: np.ndarray, random: np.random.Ge
         np.concatenate([found.deviations, np.ones(len(broad))]),
     )
     return Mixture(kernels, outside, OUTSIDE)
+
+
+def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return points in two halves of whole families, in both orders; of one family, halves of that."""
+    numbers, own = np.unique(families, return_inverse=True)
+    if numbers.size == 1:
+        own = np.arange(families.size)
+    order = random.permutation(own.max() + 1)
+    sizes = np.bincount(own)[order]
+    second = np.zeros(order.size, dtype=bool)
+    second[order] = (np.cumsum(sizes) - 0.5 * sizes) > 0.5 * families.size
+    parts = np.flatnonzero(~second[own]), np.flatnonzero(second[own])
+    return parts, parts[::-1]
 
 
 def _squared_radius(outside: np.ndarray | float, d: int) -> np.ndarray:
@@ -179,12 +200,12 @@ def _some(
 
 
 def _densities(
-    points: np.ndarray, weights: np.ndarray, random: np.random.Generator
+    points: np.ndarray, weights: np.ndarray, families: np.ndarray, random: np.random.Generator
 ) -> Iterator[tuple[tuple[int, float], KernelDensity]]:
     """Yield all densities of kernels that are tried, each after its number of clusters and factor."""
     for n_clusters in CLUSTERS:
         if n_clusters == 1 or len(points) >= FEWEST * n_clusters:
-            clusters = _clusters(points, weights, n_clusters, random)
+            clusters = _clusters(points, weights, families, n_clusters, random)
             for factor in DRAWN:
                 yield (n_clusters, factor), _density(points, weights, clusters, factor, random)
 
@@ -206,19 +227,50 @@ def _density(
 
 
 def _clusters(
-    points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator
+    points: np.ndarray, weights: np.ndarray, families: np.ndarray, n_clusters: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
+    labels = _labels(points, weights, n_clusters, random)
+    found = [
+        (_shrunk_mean(points[own], weights[own], families[own]), weights[own].sum())
+        for own in (labels == number for number in range(n_clusters))
+        if own.any()
+    ]
+    means, totals = (np.array(part) for part in zip(*found))
+    return means, totals / totals.sum()
+
+
+def _shrunk_mean(points: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.ndarray:
+    """Return the mean of points, nearer to 0 by what its error adds to its square (James and Stein 1961, by variable).
+
+    An error in the mean of every variable that has no part in the event would cost as much as that of one that has.
+    """
+    shares = weights / weights.sum()
+    mean = shares @ points
+    error = np.sum(np.bincount(np.unique(families, return_inverse=True)[1], weights=shares) ** 2)
+    return mean * np.maximum(1.0 - SHRUNK * error / np.maximum(mean**2, 1e-300), 0.0)
+
+
+def levelled(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Return weights (m,) with which each of the most clusters of points counts the same.
+
+    Of points of chains, whose shares are those that chance gave their ancestors.
+    """
+    n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
+    labels = _labels(points, weights, n_clusters, random)
+    totals = np.bincount(labels, weights=weights, minlength=n_clusters)
+    return weights / totals[labels]
+
+
+def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
+    """Return the numbers of the clusters that points are in, shape (m,)."""
     from scipy.cluster.vq import kmeans2
 
     if n_clusters == 1:
-        return np.average(points, axis=0, weights=weights)[None], np.ones(1)
+        return np.zeros(len(points), dtype=int)
     some, shares = _some(points, weights, 4 * KERNELS, random)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out below
-        labels = kmeans2(some, n_clusters, iter=5, minit="++", seed=random)[1]
-    sums = np.zeros((n_clusters, points.shape[1]))
-    np.add.at(sums, labels, shares[:, None] * some)
-    totals = np.bincount(labels, weights=shares, minlength=n_clusters)
-    kept = totals > 0.0
-    return sums[kept] / totals[kept, None], totals[kept]
+        warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out by who asks
+        tries = [kmeans2(some, n_clusters, iter=10, minit="++", seed=random) for _ in range(TRIES)]
+    centres = min(tries, key=lambda one: np.sum(shares * np.sum((some - one[0][one[1]]) ** 2, axis=1)))[0]
+    return np.argmin(np.sum((points[:, None] - centres) ** 2, axis=2), axis=1)
