@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.description import FEWEST_OF_TAIL, tail_remarks
 from pgmp_petsc.ensemble.statistics import describe
 
 LAWS = {"norm": stats.norm(3.0, 0.5), "expon": stats.expon(), "uniform": stats.uniform(), "beta": stats.beta(2.0, 5.0)}
@@ -68,6 +69,18 @@ def test_the_freedom_of_a_variance_is_that_of_its_spread() -> None:
     one[0] = 1.0
     assert 2.0 < intervals.freedom_of(one, 49) < 2.2  # one value that decides
     assert intervals.freedom_of(np.array([1.0, -1.0] * 5), 9) == intervals.freedom_of(np.ones(10), 9) == 9.0
+
+
+def test_a_deviation_that_few_values_decide_on_is_told() -> None:
+    random, chosen = np.random.default_rng(9), np.ones(400, dtype=bool)
+    normal, heavy = random.normal(size=400), random.normal(size=400)
+    heavy[:2] = 40.0, np.nan
+    said = tail_remarks([("calm", normal), ("wild", heavy)], chosen)
+    assert len(said) == 1 and "the deviation of wild rests on a few samples" in said[0].text
+    chosen[0] = False
+    assert tail_remarks([("wild", heavy), ("same", np.ones(400))], chosen) == ()
+    assert tail_remarks([("few", heavy)], np.arange(400) < FEWEST_OF_TAIL) == ()
+    assert tail_remarks([("none", np.full(400, np.nan))], chosen) == ()
 
 
 def test_whole_ranks_are_those_of_the_binomial_distribution() -> None:
