@@ -40,6 +40,7 @@ DEFENSIVE = 0.2  # share of samples from kernels about points
 OUTSIDE = 0.1  # and from outside the ball
 LARGER = 1.2  # probability of outside the ball over that of outside the nearest point, which is not the event's nearest
 FEWEST = 10  # points a cluster
+APART = 4.0  # deviations between the means of clusters that lie apart
 TRIES = 5  # starts of clusters
 SHRUNK = 2.0  # squared errors of a mean that are taken from its square; 4 does no better, 0 twice as badly
 KERNELS = 120  # about as many of the points; more take time and add little
@@ -149,18 +150,15 @@ def chosen_density(
         Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
         where all points are independent.
     """
-    from scipy.special import gammaincc
-
     families = np.arange(len(points)) if families is None else families
     weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
-    d, scores = points.shape[1], {}
+    scores: dict[tuple[int, float], float] = {}
     for make, test in _halves(families, random):
         other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
         for choice, density in _densities(points[make], weights[make], families[make], random):
             distance = np.average(log_normal(other) - density.log(other), weights=of_other)
             scores[choice] = scores.get(choice, 0.0) + 0.5 * distance
-    nearest = float(np.min(np.sum(points**2, axis=1)))
-    outside = min(1.0, LARGER * float(gammaincc(0.5 * d, 0.5 * nearest)))
+    outside = outside_of(points)
     broad, of_broad = _some(points, weights, KERNELS, random)
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
     if np.log(outside) < least:  # all weights are `outside`
@@ -173,6 +171,14 @@ def chosen_density(
         np.concatenate([found.deviations, np.ones(len(broad))]),
     )
     return Mixture(kernels, outside, OUTSIDE)
+
+
+def outside_of(points: np.ndarray) -> float:
+    """Return the probability of outside the ball that reaches nearly to the nearest of the points (m, d)."""
+    from scipy.special import gammaincc
+
+    nearest = float(np.min(np.sum(points**2, axis=1)))
+    return min(1.0, LARGER * float(gammaincc(0.5 * points.shape[1], 0.5 * nearest)))
 
 
 def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -270,6 +276,29 @@ def levelled(points: np.ndarray, weights: np.ndarray, random: np.random.Generato
     labels = _labels(points, weights, n_clusters, random)
     totals = np.bincount(labels, weights=weights, minlength=n_clusters)
     return weights / totals[labels]
+
+
+def lie_apart(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> bool:
+    """Return whether points (m, d) of weights (m,) are in clusters with little between them.
+
+    One of two or four clusters is, along the lines through their means, farther than `APART` of their deviations from
+    every other (Ashman, Bird and Zepf, Astronomical Journal 108 (1994) 2348-2361, take 2 for two normal laws; halves of
+    one normal law are 2.65 apart).
+    """
+    for n_clusters in (2, 4):
+        if len(points) < FEWEST * n_clusters:
+            return False
+        labels = _labels(points, weights, n_clusters, random)
+        parts = [(points[own], weights[own]) for own in (labels == k for k in range(n_clusters)) if own.sum() > 1]
+        means = [np.average(some, axis=0, weights=of_some) for some, of_some in parts]
+        distances = np.full((len(parts), len(parts)), np.inf)
+        for i, j in zip(*np.triu_indices(len(parts), 1)):
+            line = means[i] - means[j]
+            spread = sum(np.average(((parts[k][0] - means[k]) @ line) ** 2, weights=parts[k][1]) for k in (i, j))
+            distances[i, j] = distances[j, i] = np.sum(line**2) / np.sqrt(0.5 * max(spread, 1e-300))
+        if len(parts) > 1 and distances.min(axis=1).max() > APART:
+            return True
+    return False
 
 
 def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
-from pgmp_petsc.ensemble.importance import chosen_density, levelled, log_normal
+from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
@@ -138,6 +138,20 @@ class RareSamples:
         """Number of equally weighted samples in the event that would be as good."""
         found = self.contributions
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
+
+    @property
+    def may_have_lost_parts(self) -> bool:
+        """Whether the event has parts that lie apart, and nothing has looked for further ones.
+
+        Chains lose parts by chance. Samples from outside the ball find a part as likely as the event is, where that is
+        less than once to be expected, hardly ever: in many variables nearly everything is outside.
+        """
+        found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
+        inside = found > 0.0
+        if not inside.any():
+            return False
+        looked = OUTSIDE * found.size * self.probability / outside_of(points[inside])
+        return bool(looked < 1.0 and lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0)))
 
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.

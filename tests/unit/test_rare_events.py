@@ -17,10 +17,11 @@ from pgmp_petsc.ensemble.importance import (
     _shrunk_mean,
     chosen_density,
     levelled,
+    lie_apart,
     log_normal,
 )
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
-from pgmp_petsc.ensemble.rare_run import event_of
+from pgmp_petsc.ensemble.rare_run import _remarks, event_of
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3
@@ -203,6 +204,32 @@ def test_a_small_cluster_counts_as_much_as_others() -> None:
     assert weights.sum() == pytest.approx(CLUSTERS[-1])  # of each cluster 1
     assert weights[:8].sum() >= 1.0 - 1e-9
     np.testing.assert_array_equal(levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
+
+
+def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
+    random = np.random.default_rng(3)
+    for d in (4, 20):
+        part = random.standard_normal((600, d))
+        part[:, 0] = 4.0 + random.exponential(0.25, 600)
+        assert not lie_apart(part, np.ones(600), random)
+        two, four = part.copy(), part.copy()
+        two[::5, 0] *= -1.0
+        for k in range(1, 4):
+            four[k::4, [0, k]] = four[k::4, [k, 0]]
+        assert lie_apart(two, np.ones(600), random) and lie_apart(four, np.ones(600), random)
+    assert not lie_apart(part[:19], np.ones(19), random)
+
+
+def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
+    series = norm.isf(2.5e-5)
+    lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1)
+    assert lost.may_have_lost_parts
+    assert any("parts that lie apart" in one.text for one in _remarks(lost, np.zeros(3000), True))
+    # in two variables samples from farther out have looked; of one part there is no sign that there are more
+    assert not find(both_sides, 2, 2000, 1).may_have_lost_parts
+    assert not find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
+    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
+    assert not nothing.may_have_lost_parts
 
 
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
