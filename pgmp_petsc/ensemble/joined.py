@@ -10,11 +10,12 @@ m_1 samples, adds of the order 1 / m_1. Samples of one stratum (those between m_
 variance is a sum over strata. Of the first one it is the jackknife's (Efron and Stein, Annals of Statistics 9 (1981)
 586-596), which repeats the whole estimate, ``alpha_i`` included, without each sample in turn, and is too large rather
 than too small; of the others, where the mean is linear, the sample variance. Student's t has the freedom of
-Satterthwaite (Biometrics Bulletin 2 (1946) 110-114).
+Satterthwaite (Biometrics Bulletin 2 (1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`).
 
 The variance is the mean of squared distances from the corrected mean, with those of the cheap models as controls; its
-interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through the
-parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one show.
+interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through
+the parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one
+show.
 
 A probability is that of the cheapest model and the differences from each model to the next better one, ``p_10 - p_01``,
 counted; intervals are put together from those of Wilson by squares (MOVER: Zou and Donner, Statistics in Medicine 27
@@ -176,7 +177,7 @@ def _moments(values: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
 def _added(
     others: Sequence[np.ndarray], coefficients: np.ndarray, weights: np.ndarray, m: np.ndarray, j: int
 ) -> np.ndarray:
-    """Return what each sample of stratum j + 1 adds to the mean; of one alone, which has no spread, those of stratum 1."""
+    """Return what each sample of stratum j + 1 adds to the mean; of one alone, without a spread, those of stratum 1."""
     of = slice(m[j], m[j + 1]) if m[j + 1] > m[j] + 1 else slice(0, m[0])
     each = coefficients[j] * others[j][of] / m[j + 1]
     for i in range(j + 1, len(others)):

@@ -223,8 +223,8 @@ def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark
             remarks.append(
                 warning(
                     "the event has parts that lie apart, and in so many variables a part that chains have lost is not "
-                    "found again: the probability may be too small by whole parts, of which the interval does not know; "
-                    "compare other seeds, or take a larger -n"
+                    "found again: the probability may be too small by whole parts, of which the interval does not "
+                    "know; compare other seeds, or take a larger -n"
                 )
             )
         if not 1.0 / APART < found.by_levels / found.probability < APART:
