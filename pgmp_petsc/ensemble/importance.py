@@ -17,7 +17,8 @@ that had no part in q. In d variables an error e in the mean of a cluster multip
 about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk (`_shrunk_mean`), and no point
 weighs more than sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only
 moves q, not what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not
-both, and all their clusters count the same (`levelled`): a part of the event that chance has left a few of them is sampled.
+both, and all their clusters count the same (`levelled`): a part of the event that chance has left a few of them is
+sampled.
 
 A share of the samples is from kernels about points as they are, with s = 1, and a share from outside the ball (a
 defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight,
@@ -262,7 +263,7 @@ def _shrunk_mean(points: np.ndarray, weights: np.ndarray, families: np.ndarray) 
     their weights.
     """
     shares = weights / weights.sum()
-    mean = shares @ points
+    mean = np.sum(shares[:, None] * points, axis=0)  # not by BLAS, as in `KernelDensity.log`
     error = np.sum(np.bincount(np.unique(families, return_inverse=True)[1], weights=shares) ** 2)
     return mean * np.maximum(1.0 - SHRUNK * error / np.maximum(mean**2, 1e-300), 0.0)
 
