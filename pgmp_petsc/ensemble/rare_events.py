@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
-from pgmp_petsc.ensemble.importance import chosen_density, log_normal
+from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
@@ -139,6 +139,20 @@ class RareSamples:
         found = self.contributions
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
 
+    @property
+    def may_have_lost_parts(self) -> bool:
+        """Whether the event has parts that lie apart, and nothing has looked for further ones.
+
+        Chains lose parts by chance. Samples from outside the ball find a part as likely as the event is, where that is
+        less than once to be expected, hardly ever: in many variables nearly everything is outside.
+        """
+        found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
+        inside = found > 0.0
+        if not inside.any():
+            return False
+        looked = OUTSIDE * found.size * self.probability / outside_of(points[inside])
+        return bool(looked < 1.0 and lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0)))
+
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
 
@@ -177,6 +191,7 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
     chains = _Chains(limit_state, seed, d)
     points, g = chains.begin(size)
     levels: list[Level] = []
+    own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
     while len(levels) < MOST_LEVELS:
         g = np.where(np.isnan(g), np.inf, g)
         threshold = max(0.0, float(np.sort(g)[size // SHARE - 1]))
@@ -184,14 +199,15 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
         stuck = not np.isfinite(threshold) or (levels and threshold >= levels[-1].threshold) or passed.size == size
         if (stuck and threshold > 0.0) or chains.n + size > n_samples - size:
             break  # no nearer to the event, or what would be left is too little to be weighed
-        before = g
+        before, families = g, own[passed][np.arange(size) % passed.size]
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
+        own = np.arange(size) % passed.size
         levels.append(Level(threshold, passed.size / size, accepted, before))
         if threshold == 0.0:
             break
     weights: list[np.ndarray] = []
     if levels and levels[-1].threshold == 0.0:
-        weights = chains.weigh(points, n_samples - chains.n)
+        weights = chains.weigh(points, families, n_samples - chains.n)
     return RareSamples(
         tuple(levels),
         np.concatenate(chains.points),
@@ -242,27 +258,35 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def weigh(self, points: np.ndarray, n: int) -> list[np.ndarray]:
+    def weigh(self, points: np.ndarray, families: np.ndarray, n: int) -> list[np.ndarray]:
         """Evaluate n points from densities that points of the event make, and return the weights of all rounds but one.
 
-        The first round is left out: its density is from points of chains, which are not independent.
+        The first round is left out: its density is from points of chains, which are not independent. Points of all
+        rounds make the next density, each with the weight of the mixture of all densities so far (the balance
+        heuristic: Owen and Zhou, Journal of the American Statistical Association 95 (2000) 135-143), which is never
+        much larger than that of the best of them.
         """
-        centres, counts = np.unique(points, axis=0, return_counts=True)
-        found, inside, known = [], [], counts.astype(float)
+        centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
+        alike = families[first]
+        known = levelled(centres, counts.astype(float), self._random())
         sizes = np.full(ROUNDS, n // ROUNDS)
         sizes[-1] += n % ROUNDS
+        weights, inside, densities = [], np.zeros((0, points.shape[1])), []
         for size in sizes:
             random = self._random()
-            density = chosen_density(centres, known, random)
+            density = chosen_density(centres, known, random, alike)
+            densities.append(density)
             drawn = density.draw(size, random)
             within = self._evaluate(drawn) <= 0.0
-            found.append(np.exp(log_normal(drawn) - density.log(drawn)))
-            inside.append((drawn[within], found[-1][within]))
-            if sum(len(some) for some, _ in inside) >= ENOUGH:
-                centres, known = (np.concatenate(parts) for parts in zip(*inside))
+            weights.append(np.exp(log_normal(drawn) - density.log(drawn)))
+            inside = np.concatenate([inside, drawn[within]])
+            if len(inside) >= ENOUGH:
+                drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
+                centres, alike = inside, None
+                known = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
         roots = np.sqrt(np.arange(1, ROUNDS))
         roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
-        return [root * weights for root, weights in zip(roots, found[1:])]
+        return [root * of_round for root, of_round in zip(roots, weights[1:])]
 
     def _random(self) -> np.random.Generator:
         self._number += 1

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
-FEW = 50.0  # effective samples below which an interval is not to be trusted: in 20 variables it held in 76 to 89 %
+FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
@@ -216,7 +216,17 @@ def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark
         )
         if not found.n_effective >= FEW:
             few = f"{found.n_effective:.3g} equally weighted ones"
-            remarks.append(warning(f"the weighted samples are worth {few} only; take a larger -n"))
+            remarks.append(
+                warning(f"the weighted samples are worth {few} only: the interval may be too short; take a larger -n")
+            )
+        if found.may_have_lost_parts:
+            remarks.append(
+                warning(
+                    "the event has parts that lie apart, and in so many variables a part that chains have lost is not "
+                    "found again: the probability may be too small by whole parts, of which the interval does not "
+                    "know; compare other seeds, or take a larger -n"
+                )
+            )
         if not 1.0 / APART < found.by_levels / found.probability < APART:
             remarks.append(
                 warning(

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.description import FEWEST_OF_TAIL, tail_remarks
 from pgmp_petsc.ensemble.statistics import describe
 
 LAWS = {"norm": stats.norm(3.0, 0.5), "expon": stats.expon(), "uniform": stats.uniform(), "beta": stats.beta(2.0, 5.0)}
@@ -48,6 +49,38 @@ def test_bonetts_interval_of_normal_values_is_that_of_chi_squared_for_many() -> 
     width = exact[1] - exact[0]
     # the sample's own fourth moment is known to sqrt(96 / n), 7 %, and half of that is the interval's
     np.testing.assert_allclose(found, exact, rtol=0, atol=0.1 * width)
+
+
+def test_deviations_of_100_skew_values_hold() -> None:
+    """With the normal quantile in place of Student's 91.5 %, 1,830 of 2,000."""
+    drawn, true, held = np.random.default_rng(5).exponential(size=(2000, 100)), 1.0, 0
+    for values in drawn:
+        low, high = intervals.of_deviation(values, LEVEL)
+        held += low <= true <= high
+    assert held >= stats.binom(2000, LEVEL - 0.01).ppf(1e-3)
+
+
+def test_the_freedom_of_a_variance_is_that_of_its_spread() -> None:
+    """The variance of n normal values has n - 1; of exponential ones, of kurtosis 9, 2 n / 8."""
+    random = np.random.default_rng(6)
+    assert intervals.freedom_of(random.normal(size=100_000), 99_999) == pytest.approx(100_000, rel=0.05)
+    assert intervals.freedom_of(random.exponential(size=200_000), 199_999) == pytest.approx(50_000, rel=0.15)
+    one = np.zeros(50)
+    one[0] = 1.0
+    assert 2.0 < intervals.freedom_of(one, 49) < 2.2  # one value that decides
+    assert intervals.freedom_of(np.array([1.0, -1.0] * 5), 9) == intervals.freedom_of(np.ones(10), 9) == 9.0
+
+
+def test_a_deviation_that_few_values_decide_on_is_told() -> None:
+    random, chosen = np.random.default_rng(9), np.ones(400, dtype=bool)
+    normal, heavy = random.normal(size=400), random.normal(size=400)
+    heavy[:2] = 40.0, np.nan
+    said = tail_remarks([("calm", normal), ("wild", heavy)], chosen)
+    assert len(said) == 1 and "the deviation of wild rests on a few samples" in said[0].text
+    chosen[0] = False
+    assert tail_remarks([("wild", heavy), ("same", np.ones(400))], chosen) == ()
+    assert tail_remarks([("few", heavy)], np.arange(400) < FEWEST_OF_TAIL) == ()
+    assert tail_remarks([("none", np.full(400, np.nan))], chosen) == ()
 
 
 def test_whole_ranks_are_those_of_the_binomial_distribution() -> None:

@@ -9,9 +9,19 @@ from scipy.integrate import quad, trapezoid
 from scipy.stats import binom, chi2, norm
 
 from pgmp_petsc.cli.rare import alone
-from pgmp_petsc.ensemble.importance import KernelDensity, Mixture, chosen_density, log_normal
+from pgmp_petsc.ensemble.importance import (
+    CLUSTERS,
+    KernelDensity,
+    Mixture,
+    _halves,
+    _shrunk_mean,
+    chosen_density,
+    levelled,
+    lie_apart,
+    log_normal,
+)
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
-from pgmp_petsc.ensemble.rare_run import event_of
+from pgmp_petsc.ensemble.rare_run import _remarks, event_of
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3
@@ -45,12 +55,12 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
     d, limit_state, exact = CASES[case]
-    found = [find(limit_state, d, 5000, seed) for seed in range(5)]
+    found = [find(limit_state, d, 5000, seed) for seed in range(10)]
     estimates = np.array([one.probability for one in found]) / exact
     assert all(one.limit_state.size <= 5000 for one in found)
     assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
-    # 2 of 5 intervals of 95 % miss with a probability of 0.02
-    assert sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found) >= 4
+    held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
+    assert held >= binom(10, 0.95).ppf(1e-4)
 
 
 def both_sides(u: np.ndarray) -> np.ndarray:
@@ -155,6 +165,71 @@ def test_outside_of_a_ball_is_drawn_from_where_it_is_all_of_the_event() -> None:
     weights = np.where(within, np.exp(log_normal(drawn) - density.log(drawn)), 0.0)
     assert weights.mean() == pytest.approx(chance, rel=4.0 * weights.std() / weights.mean() / np.sqrt(4000))
     assert weights.max() <= 1.0000001 * density.outside / density.share and weights.std() < weights.mean()
+
+
+def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
+    """With means as they come, and clusters as large as chains left them, errors were 39 % and 22 % were said."""
+    found = [find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(12)]
+    estimates = np.array([one.probability for one in found]) / 1e-4
+    # measured 7 to 10 % with either said; a side that is missed is half
+    assert np.median(np.abs(estimates - 1.0)) < 0.12
+    assert 0.04 < np.median([one.variation for one in found]) < 0.12
+
+
+def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
+    random = np.random.default_rng(7)
+    for families in (np.repeat(np.arange(9), 5), np.repeat([3, 8], [90, 4]), np.arange(7), np.full(6, 4)):
+        (make, test), (other, back) = _halves(families, random)
+        np.testing.assert_array_equal(np.sort([*make, *test]), np.arange(families.size))
+        np.testing.assert_array_equal(make, back)
+        np.testing.assert_array_equal(test, other)
+        assert make.size and test.size
+        assert np.unique(families).size == 1 or not set(families[make]) & set(families[test])
+
+
+def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
+    points = np.tile([4.0, 0.2, -0.3], (10, 1))
+    # of five families of two each the squared error is 1 / 5
+    found = _shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2))
+    np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+    alone = _shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int))
+    np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+
+
+def test_a_small_cluster_counts_as_much_as_others() -> None:
+    random = np.random.default_rng(8)
+    points = random.standard_normal((400, 6))
+    points[:, 0] += np.where(np.arange(400) < 8, -20.0, 4.0)
+    weights = levelled(points, np.ones(400), random)
+    assert weights.sum() == pytest.approx(CLUSTERS[-1])  # of each cluster 1
+    assert weights[:8].sum() >= 1.0 - 1e-9
+    np.testing.assert_array_equal(levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
+
+
+def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
+    random = np.random.default_rng(3)
+    for d in (4, 20):
+        part = random.standard_normal((600, d))
+        part[:, 0] = 4.0 + random.exponential(0.25, 600)
+        assert not lie_apart(part, np.ones(600), random)
+        two, four = part.copy(), part.copy()
+        two[::5, 0] *= -1.0
+        for k in range(1, 4):
+            four[k::4, [0, k]] = four[k::4, [k, 0]]
+        assert lie_apart(two, np.ones(600), random) and lie_apart(four, np.ones(600), random)
+    assert not lie_apart(part[:19], np.ones(19), random)
+
+
+def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
+    series = norm.isf(2.5e-5)
+    lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1)
+    assert lost.may_have_lost_parts
+    assert any("parts that lie apart" in one.text for one in _remarks(lost, np.zeros(3000), True))
+    # in two variables samples from farther out have looked; of one part there is no sign that there are more
+    assert not find(both_sides, 2, 2000, 1).may_have_lost_parts
+    assert not find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
+    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]), (2,))
+    assert not nothing.may_have_lost_parts
 
 
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
