@@ -14,7 +14,7 @@ from pgmp_petsc.cli.gradient_tables import design_lines
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
-from pgmp_petsc.cli.sensitivities import draw, file_option, parameter_option, plot_option
+from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
@@ -67,6 +67,7 @@ def optimize(
 
     Exit status 1 if no design is found that meets all constraints.
     """
+    check_plot(context, plot, output)
     call = Call(context, output, settings, overrides)
     robust = None if deviations is None else Robust(deviations, n_samples, seed)
     found = designed(source, goal, parameters, subject_to=constraints, robust=robust, **call.arguments)

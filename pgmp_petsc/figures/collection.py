@@ -35,7 +35,7 @@ from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.results.readers import READERS
-from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.claims import check_folder, check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
@@ -248,10 +248,9 @@ def _numbered(results: Sequence[Result], name: str) -> list[tuple[Result, str]]:
 
 
 def _make(directory: Path) -> None:
-    """Make the directory, and check that it can be written to."""
+    """Make the directory, after checking that it can be made and written to."""
     try:
+        check_folder(directory)
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"output directory '{directory}' cannot be made: {error.strerror}") from error
-    if not os.access(directory, os.W_OK | os.X_OK):
-        raise InputError(f"output directory '{directory}': no permission to write in it")
