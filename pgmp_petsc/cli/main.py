@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import os
-import re
 import sys
 import time
 import traceback
@@ -184,25 +183,12 @@ def _usage_message(error: click.ClickException) -> str:
     """Return one message for an error of the command line, with the nearest name and where to look."""
     context = getattr(error, "ctx", None)
     message = error.format_message()
-    kind = getattr(getattr(error, "param", None), "type", None)
-    if isinstance(kind, (click.IntRange, click.FloatRange)):
-        # click calls a word that is no number "not a valid integer range", and does not say what is allowed
-        message = re.sub("not a valid (integer|float) range", f"not {_numbers_of(kind)}", message)
     if isinstance(error, click.NoSuchOption) and context is not None:
         names = (name for option in context.command.get_params(context) for name in option.opts)
         known = [name for name in names if name.startswith("-")]
         message = f"no option '{error.option_name}'{nearest_name(error.option_name, known)}"
     help_command = f" (see '{context.command_path} --help')" if context is not None else ""
     return f"{message.rstrip('.')}{help_command}"
-
-
-def _numbers_of(kind: click.IntRange | click.FloatRange) -> str:
-    """Return which numbers an option takes: ``a whole number in the range x>=2``, as click writes ranges."""
-    what = "a whole number" if isinstance(kind, click.IntRange) else "a number"
-    low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
-    if kind.max is None:
-        return f"{what} in the range x>{low}{kind.min}"
-    return f"{what} in the range {kind.min}<{low}x<{high}{kind.max}"
 
 
 def _close(closing: MPI.Comm, status: int, message: str | None) -> int:

@@ -177,7 +177,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     Lines say which run that is where there are several, and what is left out.
     """
     if not runs:
-        return {}, []
+        asked = {"--at": at is not None, "--exaggerate": exaggeration != 1.0}
+        return {}, [f"{option}: without effect, as there is no trajectory" for option, given in asked.items() if given]
     files, found = {id(run): path for path, run in runs}, [run for _, run in runs]
     comparisons = paired(found)
     labels = labels_of(comparisons, files)
@@ -199,6 +200,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
             first_of.setdefault(id(having[0]), []).append(f"{name}.png")
     for run, names in first_of.items():
         notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
+    if at is not None and "solids" not in pictures:
+        notes.append(f"--at {at:g}: without effect, as no trajectory has bodies of solids in its frames")
     if "mechanism" not in pictures:
         notes.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
     return pictures, notes

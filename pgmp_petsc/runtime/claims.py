@@ -154,9 +154,9 @@ def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] 
     InputError
         If it is the output or something that is no folder, lies in such, or may not be written in.
     """
-    target = Path(os.path.realpath(folder))
-    if output is not None and target == Path(os.path.realpath(output)):
+    if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
+    target = Path(os.path.abspath(folder))
     nearest = next(path for path in (target, *target.parents) if os.path.lexists(path))
     if not nearest.is_dir():
         raise InputError(f"output directory '{folder}' cannot be made: '{nearest}' is no directory; give another name")

@@ -73,6 +73,11 @@ def test_help_is_printed_once(run, n, arguments):
             "animate f.h5 -o f.gif --fps fast", 2,
             "Invalid value for '--fps': 'fast' is not a number in the range 0.5<=x<=120.0 (see 'pgmp animate --help')",
         ),
+        (
+            "plot f.h5 -o d --exaggerate nan", 2,
+            "Invalid value for '--exaggerate': 'nan' is not a number in the range 1.0<=x<=1000000000.0 "
+            "(see 'pgmp plot --help')",
+        ),
         ("info no.h5", 2, None),
         ("fine -- -options_left", 2, None),
         ("options", 2, "Missing option '-o' / '--output' (see 'pgmp options --help')"),

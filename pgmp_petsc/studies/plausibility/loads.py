@@ -40,6 +40,10 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             yield from _spring(scene, entry, effect, mass, length, whole)
         elif isinstance(effect, kinds.StructuralDamping):
             yield from _damping(scene, entry, effect, sizes)
+        elif isinstance(effect, kinds.JointDamping) and effect.coefficient == 0.0:
+            yield doubt(f"{entry}.coefficient", f"makes {entry} zero; leave it out", 0.0)
+        elif isinstance(effect, kinds.JointFriction) and effect.limit == 0.0:
+            yield doubt(f"{entry}.limit", f"makes {entry} zero; leave it out", 0.0)
     yield from _twice(scene)
 
 
@@ -118,6 +122,8 @@ def _spring(
         )
     if isinstance(effect, kinds.SpringDamper) and effect.points is not None and effect.rest < 0.0:
         yield refusal(f"{entry}.rest", "a distance between points is not negative", effect.rest)
+    if isinstance(effect, kinds.SpringDamper) and effect.joint is not None and effect.rest and stiffness == 0.0:
+        yield doubt(f"{entry}.rest", "without effect, as there is no stiffness; leave it out", effect.rest)
     if not whole:
         return
     turns = not slides(scene, effect)
