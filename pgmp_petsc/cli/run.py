@@ -342,10 +342,10 @@ class Job:
 
     @contextmanager
     def _quietly(self) -> Iterator[None]:
-        """Let commands within the block print nothing: their step has one line."""
+        """Let commands within the block print nothing: their step has one line, and the report their warnings."""
         session = self.context.obj
-        before, session.quiet = session.quiet, True
+        before, session.quiet, session.has_report = session.quiet, True, True
         try:
             yield
         finally:
-            session.quiet = before
+            session.quiet, session.has_report = before, False
