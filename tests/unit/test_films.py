@@ -221,7 +221,7 @@ def test_the_film_of_a_mode(tmp_path: Path) -> None:
         ("run.h5", ("-o", "notes.gif"), "exists and is not a film of this program"),
         ("run.h5", ("-o", "film.gif", "--mode", "1"), "--mode 1: for reduced models"),
         ("run.h5", ("-o", "film.gif", "--at", "theta=0"), "--at: for modes"),
-        ("run.h5", ("-o", "film.gif", "--field", "none", "--seconds", "3000"), "--seconds: a GIF shows one picture for"),
+        ("run.h5", ("-o", "film.gif", "--field", "none", "--seconds", "3000"), "a GIF shows one picture for 655 s"),
         ("modes.h5", ("-o", "film.gif", "--mode", "1"), "a table of modes holds frequencies alone"),
         ("none.h5", ("-o", "film.gif"), "none.h5"),
     ],

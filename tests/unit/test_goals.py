@@ -54,7 +54,8 @@ def test_expressions_have_their_values_and_derivatives(text: str, value: float) 
 
 
 @pytest.mark.parametrize(
-    "text", ["1 / 0", "r1 / (c-2 - 3)", "0 ^ -1", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "10 ^ 999 * r1", "r1 ^ 1e9", "1e999"]
+    "text",
+    ["1 / 0", "r1 / (c-2 - 3)", "0 ^ -1", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "10 ^ 999 * r1", "r1 ^ 1e9", "1e999"],
 )
 def test_what_has_no_value_or_no_derivative_is_not_finite(text: str) -> None:
     """Python's own numbers would raise, or become complex."""

@@ -115,7 +115,8 @@ WARNED = {
         "negative"),
     "gravity in mm": (SCENE, ['effects.a={type="gravity", acceleration=9810}'], "effects.a.acceleration", "ten times"),
     "no damping": (
-        SCENE, ['effects.a={type="joint_damping", joint="elbow", coefficient=0}'], "effects.a.coefficient", "leave it out"
+        SCENE, ['effects.a={type="joint_damping", joint="elbow", coefficient=0}'], "effects.a.coefficient",
+        "leave it out",
     ),
     "no friction": (
         SCENE, ['effects.a={type="joint_friction", joint="elbow", limit=0.0, speed=1.0}'], "effects.a.limit",
