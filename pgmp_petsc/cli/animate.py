@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from pgmp_petsc.cli.options import output_option
+from pgmp_petsc.cli.options import LARGEST_SCALE, Number, output_option
 from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_output
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 FIELDS = ("mises", "deformation", "displacement", "none")
 RATE = 20.0
+LONGEST = 3600.0  # s
 ENDINGS = (".mp4", ".gif")
 
 
@@ -35,7 +37,7 @@ ENDINGS = (".mp4", ".gif")
 @click.option(
     "--scale",
     metavar="N",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Number(min=0.0, max=LARGEST_SCALE, min_open=True),
     help="Enlarge the deformation N times; where not given as much as shows it. It is said in the film.",
 )
 @click.option("--mode", metavar="K", type=int, help="Mode K of a reduced model, from 1.")
@@ -49,7 +51,7 @@ ENDINGS = (".mp4", ".gif")
 @click.option(
     "--seconds",
     metavar="T",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Number(min=0.0, max=LONGEST, min_open=True),
     help="How long the film takes; as long as all frames do where not given.",
 )
 @click.option(
@@ -57,7 +59,7 @@ ENDINGS = (".mp4", ".gif")
     default=RATE,
     show_default=True,
     metavar="N",
-    type=click.FloatRange(min=0.5, max=120.0),
+    type=Number(min=0.5, max=120.0),
     help="Pictures a second.",
 )
 @click.pass_context
@@ -121,15 +123,18 @@ def _shape(context: click.Context, file: Path, mode: int, places: tuple[str, ...
 
 def _coordinates(places: tuple[str, ...]) -> dict[str, float]:
     """Return the coordinates that ``--at`` gives."""
-    found = {}
+    found: dict[str, float] = {}
     for place in places:
-        name, equals, value = place.partition("=")
+        name, _, value = (word.strip() for word in place.partition("="))
         try:
-            found[name.strip()] = float(value)
+            angle = float(value)
         except ValueError:
-            equals = ""
-        if not equals:
+            angle = math.nan
+        if not math.isfinite(angle):
             raise InputError(f"--at {place}: needed is NAME=VALUE, a coordinate and its angle (rad)")
+        if name in found:
+            raise InputError(f"--at {place}: '{name}' is there twice; give it once")
+        found[name] = angle
     return found
 
 

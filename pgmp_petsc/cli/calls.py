@@ -15,7 +15,7 @@ import click
 
 from pgmp_petsc.api.ranks import ABOUT, LOGGER, REMARK, RESULT, SCENE, WAY, petsc_is_seen_to
 from pgmp_petsc.cli.output_form import say_figures
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import say, say_warning
 from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.petsc import petsc_runs
 from pgmp_petsc.runtime.remarks import Remark
@@ -80,9 +80,11 @@ class Call(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record; an output that cannot be written is the command's failure."""
-        about = getattr(record, ABOUT, WAY)
+        about, remark = getattr(record, ABOUT, WAY), getattr(record, REMARK, None)
+        if remark is not None:
+            say_warning(self._context, remark)
         if about == SCENE:
-            self.said.append(getattr(record, REMARK))
+            self.said.append(remark)
         if about != RESULT:
             say(self._context, f"  {record.getMessage()}" if about == SCENE else record.getMessage())
 

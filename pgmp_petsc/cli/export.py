@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.options import Whole, output_option, scene_options
 from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
@@ -20,7 +20,7 @@ XDMF = (".xdmf", ".xmf")
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @output_option
-@click.option("--fmi", type=click.IntRange(2, 3), help="Version of FMI of an FMU, 2 (default) or 3.")
+@click.option("--fmi", type=Whole(2, 3), help="Version of FMI of an FMU, 2 (default) or 3.")
 @scene_options
 @click.pass_context
 def export(

@@ -13,7 +13,7 @@ from pgmp_petsc.cli.gradient_tables import fit_lines
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
-from pgmp_petsc.cli.sensitivities import draw, file_option, parameter_option, plot_option
+from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
@@ -53,6 +53,7 @@ def fit(
     Exit status 1 if it does not converge.
     """
     deviations = _deviations(noise)
+    check_plot(context, plot, output)
     call = Call(context, output, settings, overrides)
     found = fitted(source, measured, parameters, noise=deviations, **call.arguments)
     draw(context, found, plot)

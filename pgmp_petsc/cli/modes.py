@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.api.modes import frequencies
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.options import Whole, output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.modes import ModesTable
@@ -27,7 +27,7 @@ NOTHING = 1e-6  # of a mode's highest frequency
 @click.option(
     "--angles",
     metavar="N",
-    type=click.IntRange(min=2),
+    type=Whole(min=2),
     help="Angles of each coordinate; reduction.angles if not given.",
 )
 @ranks_per_angle_option

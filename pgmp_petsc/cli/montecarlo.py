@@ -16,7 +16,7 @@ from pgmp_petsc.api.requests import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Shard,
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_of, model_options, one_model
-from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.options import Whole, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.rare import alone
 from pgmp_petsc.cli.rare import report as report_rare
@@ -33,11 +33,11 @@ from pgmp_petsc.runtime.remarks import Remark
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
 @click.option(
-    "-n", "n_samples", metavar="N", type=click.IntRange(1, MOST_SAMPLES),
+    "-n", "n_samples", metavar="N", type=Whole(1, MOST_SAMPLES),
     help="Number of samples; with --samples all that the file has, if not given.",
 )  # fmt: skip
 @click.option(
-    "--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed."
+    "--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed."
 )
 @click.option(
     "--sampler", type=click.Choice(SAMPLERS), help="How samples are chosen; otherwise as ensemble.sampler says."
@@ -48,7 +48,7 @@ from pgmp_petsc.runtime.remarks import Remark
 )  # fmt: skip
 @model_options
 @click.option(
-    "--ranks-per-sample", default=1, show_default=True, metavar="N", type=click.IntRange(1),
+    "--ranks-per-sample", default=1, show_default=True, metavar="N", type=Whole(1),
     help="With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
 )  # fmt: skip
 @click.option(

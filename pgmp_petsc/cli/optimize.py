@@ -11,12 +11,12 @@ from pgmp_petsc.api.designs import Robust
 from pgmp_petsc.api.designs import optimize as designed
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import design_lines
-from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.options import Number, Whole, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
-from pgmp_petsc.cli.sensitivities import draw, file_option, parameter_option, plot_option
+from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.design import Design
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
 
 
@@ -33,13 +33,13 @@ from pgmp_petsc.runtime.remarks import Remark
     "--robust",
     "deviations",
     metavar="K",
-    type=click.FloatRange(min=0.0),
+    type=Number(min=0.0),
     help="Take the mean and K standard deviations of every figure over samples, instead of nominal runs.",
 )
 @click.option(
-    "--samples", "n_samples", default=64, show_default=True, type=click.IntRange(min=2), help="Samples of --robust."
+    "--samples", "n_samples", metavar="N", type=Whole(min=2), help=f"Samples of --robust; {Robust.n} if not given."
 )
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="Of the samples of --robust.")
+@click.option("--seed", metavar="S", type=Whole(min=0), help=f"Of the samples of --robust; {Robust.seed} if not given.")
 @output_form
 @scene_options
 @click.pass_context
@@ -52,8 +52,8 @@ def optimize(
     plot: Path | None,
     parameters: tuple[str, ...],
     deviations: float | None,
-    n_samples: int,
-    seed: int,
+    n_samples: int | None,
+    seed: int | None,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
@@ -67,8 +67,13 @@ def optimize(
 
     Exit status 1 if no design is found that meets all constraints.
     """
+    check_plot(context, plot, output)
     call = Call(context, output, settings, overrides)
-    robust = None if deviations is None else Robust(deviations, n_samples, seed)
+    given = {name: value for name, value in (("n", n_samples), ("seed", seed)) if value is not None}
+    if deviations is None and given:
+        words = " and ".join({"n": f"--samples {n_samples}", "seed": f"--seed {seed}"}[name] for name in given)
+        raise InputError(f"{words}: for figures over samples; give --robust K too, or leave it out")
+    robust = None if deviations is None else Robust(deviations, **given)
     found = designed(source, goal, parameters, subject_to=constraints, robust=robust, **call.arguments)
     draw(context, found, plot)
     call.say(found, report, source)

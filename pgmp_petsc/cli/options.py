@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -9,6 +10,39 @@ from typing import TypeVar
 import click
 
 Command = TypeVar("Command", bound=Callable[..., object])
+LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
+
+
+class Whole(click.IntRange):
+    """A whole number in a range; whatever else comes, the message says which numbers are allowed."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number of a word."""
+        try:
+            number = int(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a whole number in the range {_shown(self)}", param, ctx)
+        return super().convert(number, param, ctx)
+
+
+class Number(click.FloatRange):
+    """A finite number in a range: click takes nan for one in every range, as it is neither below nor above an end."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number of a word."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            self.fail(f"{str(value)!r} is not a number in the range {_shown(self)}", param, ctx)
+        return super().convert(number, param, ctx)
+
+
+def _shown(kind: click.IntRange | click.FloatRange) -> str:
+    """Return a range as click writes it: ``x>=2``, ``0<=x<=1``."""
+    low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
+    return f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"
 
 
 def scene_options(command: Command) -> Command:
@@ -58,6 +92,6 @@ def ranks_per_angle_option(command: Command) -> Command:
         default=1,
         show_default=True,
         metavar="N",
-        type=click.IntRange(min=1),
+        type=Whole(min=1),
         help="Ranks that share one eigenproblem; more than one where a rank's memory is too small.",
     )(command)

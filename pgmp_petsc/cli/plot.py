@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.options import files_argument
+from pgmp_petsc.cli.options import LARGEST_SCALE, Number, files_argument
 from pgmp_petsc.cli.report import say_of_files
 
 
@@ -25,13 +25,13 @@ from pgmp_petsc.cli.report import say_of_files
     default=1.0,
     show_default=True,
     metavar="FACTOR",
-    type=click.FloatRange(min=1.0),
+    type=Number(min=1.0, max=LARGEST_SCALE),
     help="Enlarge the deformation in the pictures of the mechanism.",
 )
 @click.option(
     "--at",
     metavar="SECONDS",
-    type=float,
+    type=Number(min=0.0),
     help="Instant of the picture of solids; that of the largest stress if not given.",
 )
 @click.pass_context

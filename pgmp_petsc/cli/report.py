@@ -39,6 +39,13 @@ def say_remarks(context: click.Context, scene: Scene) -> None:
     """Print what is doubtful about a scene on rank 0; not collective."""
     for remark in scene.remarks:
         say(context, f"  {remark}")
+        say_warning(context, remark)
+
+
+def say_warning(context: click.Context, remark: Remark) -> None:
+    """Print a warning on standard error on rank 0 where the session is quiet and has no report; not collective."""
+    if context.obj.quiet and not context.obj.has_report and context.obj.comm.rank == 0 and remark.kind == "warning":
+        click.echo(f"pgmp: {remark}", err=True)
 
 
 def remark_lines(record: RunRecord, said: Sequence[Remark] = ()) -> list[str]:

@@ -13,7 +13,7 @@ from pgmp_petsc import __version__
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.build import build
 from pgmp_petsc.cli.montecarlo import LARGEST_SEED, MOST_SAMPLES, montecarlo
-from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.options import Whole, scene_options
 from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.simulate import simulate
 from pgmp_petsc.experiments.price import Price, step_seconds
@@ -53,11 +53,11 @@ ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
     help="Folder for all files; SCENE_results beside the scene if not given.",
 )  # fmt: skip
 @click.option(
-    "-n", "n_samples", default=512, show_default=True, metavar="N", type=click.IntRange(1, MOST_SAMPLES),
+    "-n", "n_samples", default=512, show_default=True, metavar="N", type=Whole(1, MOST_SAMPLES),
     help="Number of samples, where parameters have distributions.",
 )  # fmt: skip
 @click.option(
-    "--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed."
+    "--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed."
 )
 @click.option("--force", is_flag=True, help="Do all steps again, also those whose files are finished.")
 @scene_options
@@ -342,10 +342,10 @@ class Job:
 
     @contextmanager
     def _quietly(self) -> Iterator[None]:
-        """Let commands within the block print nothing: their step has one line."""
+        """Let commands within the block print nothing: their step has one line, and the report their warnings."""
         session = self.context.obj
-        before, session.quiet = session.quiet, True
+        before, session.quiet, session.has_report = session.quiet, True, True
         try:
             yield
         finally:
-            session.quiet = before
+            session.quiet, session.has_report = before, False

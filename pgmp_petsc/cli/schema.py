@@ -48,6 +48,8 @@ def _write(output: Path) -> None:
     from pgmp_petsc.scene.reference_page import reference_page
 
     suffix = output.suffix.lower()
+    if output.is_dir():
+        raise InputError(f"output '{output}' is a directory; give the name of a file in it, FILE.json or FILE.md")
     if suffix not in (".json", *PAGES):
         raise InputError(
             f"output '{output}': a schema is JSON for editors or a page in Markdown; name it "

@@ -15,6 +15,7 @@ from pgmp_petsc.cli.options import Command, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import check_folder
 
 
 def parameter_option(what: str) -> Callable[[Command], Command]:
@@ -56,10 +57,17 @@ def sensitivities(
     Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
     one run. Told are the effects of one standard deviation of each parameter, the largest first.
     """
+    check_plot(context, plot, output)
     call = Call(context, output, settings, overrides)
     found = differentiated(source, parameters, **call.arguments)
     draw(context, found, plot)
     call.say(found, report, source)
+
+
+def check_plot(context: click.Context, plot: Path | None, output: Path | None) -> None:
+    """Refuse a directory that the picture cannot be in, before anything is computed. Collective on all ranks."""
+    if plot is not None:
+        on_root(context.obj.comm, check_folder, plot, output)
 
 
 def draw(context: click.Context, result: Result, plot: Path | None) -> None:

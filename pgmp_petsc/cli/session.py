@@ -26,12 +26,20 @@ class Session:
         Whether `cli.report.say` prints nothing.
     json : bool
         Whether the command prints its figures as JSON, and nothing else.
+
+    Attributes
+    ----------
+    has_report : bool
+        Whether warnings are for a report, and `cli.report.say_warning` prints none.
+    petsc_started : bool
+        Whether PETSc was started for the command.
     """
 
     comm: MPI.Comm
     petsc_options: Sequence[str] = ()
     quiet: bool = False
     json: bool = False
+    has_report: bool = field(default=False, init=False)
     petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:

@@ -9,7 +9,7 @@ import click
 
 from pgmp_petsc.api.tradeoffs import tradeoff as measured
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.options import Whole, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.tradeoff_table import summary
@@ -28,7 +28,7 @@ from pgmp_petsc.runtime.remarks import Remark
     default=10_000,
     show_default=True,
     metavar="N",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     help="Number of samples that the advice is for.",
 )
 @output_form

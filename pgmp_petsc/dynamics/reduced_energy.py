@@ -12,6 +12,8 @@ from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.second_order import unpacked
 
+SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off
+
 
 def reduced_energy(
     terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
@@ -66,7 +68,8 @@ def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray
     """Return the least share of the stiffness at rest that is left in the deformed state, shape (n,).
 
     The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K: 1 without terms of second
-    order, and negative where their cubic energy, which has no lower bound, has pulled the state over its crest.
+    order, and negative where their cubic energy, which has no lower bound, has pulled the state over its crest. NaN
+    where K itself is not positive definite, as between samples that are too few for their interpolation.
     """
     layout = terms.layout
     if not layout.second_order:
@@ -76,8 +79,15 @@ def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray
     entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
     stiffness = unpacked(entries[:, layout.stiffness : layout.cubic])
     bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
-    lower = np.linalg.inv(np.linalg.cholesky(stiffness))
-    return 1.0 + np.linalg.eigvalsh(lower @ bent @ np.swapaxes(lower, 1, 2))[:, 0]
+    # both scaled to a unit diagonal of K, so that round-off decides on nothing but a singular one
+    diagonal = np.einsum("nii->ni", stiffness)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    stiffness, bent = (matrix * scale[:, :, None] * scale[:, None, :] for matrix in (stiffness, bent))
+    positive = np.linalg.eigvalsh(stiffness)[:, 0] > SINGULAR
+    share = np.full(len(q), np.nan)
+    lower = np.linalg.inv(np.linalg.cholesky(stiffness[positive]))
+    share[positive] = 1.0 + np.linalg.eigvalsh(lower @ bent[positive] @ np.swapaxes(lower, 1, 2))[:, 0]
+    return share
 
 
 def load_powers(

@@ -32,6 +32,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
+from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -69,6 +70,9 @@ def event_of(text: str, scene: Scene) -> Event:
         )
     if not np.isfinite(float(level)):
         raise InputError(f'--rare "{shortened(text)}": {level} is no finite number')
+    if float(level) and not SMALLEST <= abs(float(level)) <= LARGEST:
+        allowed = f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed"
+        raise InputError(f'--rare "{shortened(text)}": {level}: {allowed}')
     return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": float(level)})
 
 

@@ -35,7 +35,7 @@ from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.results.readers import READERS
-from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.claims import check_folder, check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
@@ -177,7 +177,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     Lines say which run that is where there are several, and what is left out.
     """
     if not runs:
-        return {}, []
+        asked = {"--at": at is not None, "--exaggerate": exaggeration != 1.0}
+        return {}, [f"{option}: without effect, as there is no trajectory" for option, given in asked.items() if given]
     files, found = {id(run): path for path, run in runs}, [run for _, run in runs]
     comparisons = paired(found)
     labels = labels_of(comparisons, files)
@@ -199,6 +200,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
             first_of.setdefault(id(having[0]), []).append(f"{name}.png")
     for run, names in first_of.items():
         notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
+    if at is not None and "solids" not in pictures:
+        notes.append(f"--at {at:g}: without effect, as no trajectory has bodies of solids in its frames")
     if "mechanism" not in pictures:
         notes.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
     return pictures, notes
@@ -248,10 +251,9 @@ def _numbered(results: Sequence[Result], name: str) -> list[tuple[Result, str]]:
 
 
 def _make(directory: Path) -> None:
-    """Make the directory, and check that it can be written to."""
+    """Make the directory, after checking that it can be made and written to."""
     try:
+        check_folder(directory)
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"output directory '{directory}' cannot be made: {error.strerror}") from error
-    if not os.access(directory, os.W_OK | os.X_OK):
-        raise InputError(f"output directory '{directory}': no permission to write in it")

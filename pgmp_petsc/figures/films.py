@@ -18,6 +18,7 @@ from pgmp_petsc.runtime.files import replacing
 GIF, MP4 = ".gif", ".mp4"
 RESOLUTION = {GIF: 80, MP4: 120}  # pixels an inch
 N_COLOURS = 128  # of a GIF
+SLOWEST = 655.0  # s that a GIF may show a picture: two bytes of hundredths
 FASTEST = 50.0  # pictures a second that a GIF may have: its times are whole hundredths
 
 
@@ -66,6 +67,11 @@ def write_film(motion: Motion, path: Path, pace: Pace) -> int:
         If the system, or what makes the film, fails.
     """
     ending = path.suffix.lower()
+    if ending == GIF and 1.0 / pace.rate > SLOWEST:
+        raise InputError(
+            f"--seconds: a GIF shows one picture for {SLOWEST:g} s at most, and these would take "
+            f"{1.0 / pace.rate:.4g} s each; give fewer seconds, or name the film .mp4"
+        )
     pictures = images(motion, pace.numbers, RESOLUTION[ending])
     with replacing(path, "film") as partial:
         (_write_gif if ending == GIF else _write_mp4)(pictures, partial, pace.rate)

@@ -126,6 +126,8 @@ class Derivatives:
 
     def __post_init__(self) -> None:
         check_shape("time", self.time, (None,))
+        if not self.outputs:
+            raise ValueError("there are no outputs")
         check_shape("correlation", self.correlation, (len(self.changes),) * 2)
         for output, values in self.outputs.items():
             check_shape(f"output '{output}'", values, (len(self.time),))

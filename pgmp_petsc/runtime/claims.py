@@ -139,6 +139,31 @@ def check_output(
         raise InputError(f"output file '{output}' cannot be written: {_reason(error)}") from error
 
 
+def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
+    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
+
+    Parameters
+    ----------
+    folder
+        Where pictures go.
+    output
+        File that the same command writes; None where there is none.
+
+    Raises
+    ------
+    InputError
+        If it is the output or something that is no folder, lies in such, or may not be written in.
+    """
+    if output is not None and os.path.realpath(folder) == os.path.realpath(output):
+        raise InputError(f"output directory '{folder}' is the output file too; give another name")
+    target = Path(os.path.abspath(folder))
+    nearest = next(path for path in (target, *target.parents) if os.path.lexists(path))
+    if not nearest.is_dir():
+        raise InputError(f"output directory '{folder}' cannot be made: '{nearest}' is no directory; give another name")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"output directory '{folder}': no permission to write in '{nearest}'")
+
+
 def is_table(output: str | os.PathLike[str]) -> bool:
     """Return whether the name of an output asks for a table (CSV)."""
     return Path(output).suffix.lower() == ".csv"

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -102,7 +103,7 @@ class RunRecord:
         with shapes_of(file):
             seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
             return cls(
-                scene_toml=_text(file.attrs["scene"]),
+                scene_toml=_toml(file.attrs["scene"]),
                 parameters={str(name): float(value) for name, value in parameters.items()},
                 seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
                 ranks=int(file.attrs["ranks"]),
@@ -111,10 +112,14 @@ class RunRecord:
             )
 
 
-def _text(value: object) -> str:
-    """Return a text attribute; raises `TypeError` where it is none."""
+def _toml(value: object) -> str:
+    """Return the scene of a file; raises `TypeError` where it is no text, and `ValueError` where it is no TOML."""
     if not isinstance(value, str):
         raise TypeError(f"a text was expected, and {type(value).__name__} found")
+    try:
+        tomllib.loads(value)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"its scene is no TOML: {error}") from error
     return value
 
 

@@ -51,6 +51,8 @@ def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
         known = ", ".join(template_names())
         close = nearest_name(name, template_names())
         raise InputError(f"template '{name}': there is none{close if 'known' not in close else ''}; known: {known}")
+    if path.is_dir():
+        raise InputError(f"scene file '{path}' is a directory; give the name of a file in it, FILE{ENDING}")
     if path.suffix.lower() != ENDING:
         raise InputError(f"scene file '{path}': scenes are TOML; name it '{path.with_suffix(ENDING)}'")
     if not path.parent.is_dir():

@@ -28,27 +28,41 @@ _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
 
 
+# operations by numpy: what has no value, such as 1 / 0, is inf or nan, which whoever evaluates refuses
+_WITHOUT_WARNINGS = np.errstate(all="ignore")
+
+
 @dataclass(frozen=True, eq=False)
 class Dual:
-    """A number and its derivatives with the parameters, shape (n_parameters,)."""
+    """A number and its derivatives with the parameters, shape (n_parameters,); inf or nan where there is none."""
 
     value: float
     slope: np.ndarray
 
+    @_WITHOUT_WARNINGS
     def __add__(self, other: Dual) -> Dual:
-        return Dual(self.value + other.value, self.slope + other.slope)
+        return Dual(np.add(self.value, other.value), self.slope + other.slope)
 
+    @_WITHOUT_WARNINGS
     def __sub__(self, other: Dual) -> Dual:
-        return Dual(self.value - other.value, self.slope - other.slope)
+        return Dual(np.subtract(self.value, other.value), self.slope - other.slope)
 
+    @_WITHOUT_WARNINGS
     def __mul__(self, other: Dual) -> Dual:
-        return Dual(self.value * other.value, self.slope * other.value + self.value * other.slope)
+        return Dual(np.multiply(self.value, other.value), self.slope * other.value + self.value * other.slope)
 
+    @_WITHOUT_WARNINGS
     def __truediv__(self, other: Dual) -> Dual:
-        return Dual(self.value / other.value, (self.slope - self.value / other.value * other.slope) / other.value)
+        quotient = np.divide(self.value, other.value)
+        return Dual(quotient, (self.slope - quotient * other.slope) / other.value)
 
+    @_WITHOUT_WARNINGS
     def __pow__(self, exponent: float) -> Dual:
-        return Dual(self.value**exponent, exponent * self.value ** (exponent - 1.0) * self.slope)
+        if exponent == 0.0:
+            return Dual(1.0, np.zeros_like(self.slope))
+        return Dual(
+            np.power(self.value, exponent), exponent * np.power(self.value, exponent - 1.0) * self.slope
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ import numpy as np
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError, nearest_name, plain_reason, shortened
 from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"
 WITH_UNIT = re.compile(r"(.*?)\s*\((.*)\)")
@@ -110,9 +111,9 @@ def _number(text: str, where: str, name: str) -> float:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
+    if not abs(value) <= LARGEST:
         shown = f"'{shortened(text.strip(), 40)}'" if text.strip() else "nothing"
-        raise InputError(f"{where}: {name} = {shown}; a finite number is needed")
+        raise InputError(f"{where}: {name} = {shown}; a finite number is needed, of a magnitude up to {LARGEST:g}")
     return value
 
 

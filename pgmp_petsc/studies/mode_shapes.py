@@ -25,6 +25,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.mode_shape import ModeShape
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.fields import MOST_RADIANS
 
 SPRINGS = ("spring_damper", "bushing")
 
@@ -82,6 +83,8 @@ def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
         raise InputError(f"--at {unknown[0]}: no such coordinate; those of this model are {', '.join(names)}")
     theta = np.array([at.get(name, start) for name, start in zip(names, model.start[0])])
     for axis, name, value in zip(model.rom.tables.samples.axes, names, theta):
+        if abs(value) > MOST_RADIANS:
+            raise InputError(f"--at {name}={value:g}: allowed are angles up to {MOST_RADIANS:g} rad")
         if not axis.contains(value):
             raise InputError(f"--at {name}={value:g}: outside the sampled range [{axis.lower:g}, {axis.upper:g}] rad")
     return theta

@@ -268,7 +268,10 @@ class _Figures:
             found.append(_signed(constraint.sense, constraint.left(outcome) - constraint.right(outcome)))
         for what, dual in zip((question.goal, *question.constraints), found):
             if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
-                raise RunError(f"at {_shown(question.names, values)}: '{what.text}' is no finite number")
+                raise RunError(
+                    f"at {_shown(question.names, values)}: '{what.text}' or its derivative is no finite number; write "
+                    "it so that it is one between the limits of all parameters"
+                )
         return found
 
     def _run(self, values: Mapping[str, float], sample: int) -> DifferentiatedRun:

@@ -339,6 +339,12 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     """Return since when the stiffness of a model of second order was indefinite at the end; empty where it was not."""
     looked_at = slice(-LOOK_BACK, None)
     share = least_stiffness(model.terms, values, eta[looked_at])
+    if np.isnan(share[-1]):
+        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, eta[-1]))
+        return (
+            f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
+            'with more reduction.angles, fewer reduction.modes, or reduction.interpolation = "spline"'
+        )
     lost = share <= 0.0
     if not lost[-1]:
         return ""

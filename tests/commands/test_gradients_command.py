@@ -41,6 +41,13 @@ BAD = {
     ("fit", "measured.csv", "--noise", "crank_angle"): "--noise crank_angle: OUTPUT=NUMBER with a positive number is",
     ("fit", "measured.csv", "--noise", "angle=1"): "--noise angle: it is no column of the history; did you mean",
     ("fit", "short.csv"): "the history has 1 measurements for 1 parameters (r1); more are needed than parameters",
+    ("sensitivities", "--plot", "measured.csv"): "measured.csv' is no directory; give another name",
+    ("sensitivities", "-o", "both.h5", "--plot", "both.h5"): "output directory 'both.h5' is the output file too; give",
+    ("fit", "measured.csv", "--plot", "empty.csv/deeper/pictures"): "/empty.csv' is no directory; give another name",
+    ("optimize", "minimise r1", "--plot", "/dev/null"): "directory '/dev/null' cannot be made: '/dev/null' is no",
+    ("optimize", "minimise r1", "--samples", "4"): "--samples 4: for figures over samples; give --robust K too",
+    ("optimize", "minimise r1", "--seed", "3", "--samples", "5"): "--samples 5 and --seed 3: for figures over samples",
+    ("optimize", "minimise r1", "--robust", "nan"): "'nan' is not a number in the range x>=0.0",
     ("optimize", "minimise r3"): "goal: there is no such parameter or figure",
     ("optimize", "minimise r1", "--subject-to", "r1"): "--subject-to: <= or >= is needed",
 }
@@ -165,7 +172,7 @@ def test_a_tolerance_chooses_the_step_first(source: Path) -> None:
 def test_bad_input_is_one_message_on_every_rank(source: Path, mpirun: Callable) -> None:
     wanted = []
     for command, *options in BAD:
-        own = [str(source / word) if word.endswith(".csv") else word for word in options]
+        own = [str(source / word) if ".csv" in word else word for word in options]
         wanted.append([command, str(source / "rom.h5"), *own])
     done = mpirun(2, "-c", IN_TURN, json.dumps(wanted))
     for message in BAD.values():

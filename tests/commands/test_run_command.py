@@ -170,6 +170,15 @@ def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_pat
     checked = json.loads(run(capfd, "check", scene, "--json")[0])
     assert set(checked["bodies"]) == {"crank", "rod"} and checked["outputs"]["slider_position"] == {"unit": "m"}
     assert run(capfd, "check", scene, "--quiet") == ("", "")
+    unused = ("--override", "parameters.unused={nominal=1.0}")
+    warned = "pgmp: warning: parameters.unused: nothing uses it: no entry holds its name; leave it out\n"
+    assert run(capfd, "check", scene, *unused, "--quiet") == ("", warned)
+    assert run(capfd, "check", scene, *unused, "--json")[1] == warned
+    fast = ("--override", "simulation.initial.theta.velocity=1e6")
+    with pytest.raises(SystemExit) as end:
+        main(["montecarlo", str(folder / "rom.h5"), "-n", "2", *fast, "-o", str(tmp_path / "fast.h5"), "--quiet"])
+    out, err = capfd.readouterr()
+    assert end.value.code == 1 and out == "" and err.startswith("pgmp: warning: ") and "2 of 2 samples failed" in err
     assert run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--quiet") == ("", "")
 
 

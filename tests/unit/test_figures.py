@@ -305,6 +305,10 @@ def test_files_are_grouped_into_pictures(tmp_path):
     assert sorted(path.name for path in target.iterdir()) == sorted(names)
     lines = draw(paths[2:3], target)
     assert lines[0].endswith("trajectories.png") and "no mechanism.png" in lines[1]
+    # options that nothing in the pictures follows
+    without = "without effect, as there is no trajectory"
+    assert draw(paths[:1], target, 5.0, 0.1)[1:] == [f"--at: {without}", f"--exaggerate: {without}"]
+    assert draw(paths[1:2], target, at=0.1)[-1].startswith("--at 0.1: without effect, as no trajectory has bodies")
 
 
 def test_a_bad_file_is_reported_before_anything_is_drawn(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import synthetic
 from pictures import assert_inside, legend_texts, visible
+from sealed import resealed
 
 from pgmp_petsc.cli.gradient_tables import lines_of
 from pgmp_petsc.figures.collection import draw_result
@@ -122,3 +123,17 @@ def test_the_deviation_of_a_figure_is_that_of_all_distributions_together() -> No
         assert found.deviation(figure) == pytest.approx(expected, rel=1e-12)
         assert sum("together" in line for line in lines_of(found)) == 6
     assert not any("together" in line for line in lines_of(one))
+
+
+def test_derivatives_of_nothing_and_of_no_scene_are_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    derivatives().write(path)
+    with resealed(path) as file:
+        del file["outputs"]
+    with pytest.raises(InputError, match="is damaged: there are no outputs; write it again"):
+        Derivatives.read(path)
+    derivatives().write(path)
+    with resealed(path) as file:
+        file.attrs["scene"] = "[scene"
+    with pytest.raises(InputError, match="is damaged: its scene is no TOML: "):
+        Derivatives.read(path)

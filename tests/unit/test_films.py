@@ -204,6 +204,13 @@ def test_the_film_of_a_mode(tmp_path: Path) -> None:
     assert refused(tmp_path / "rom.h5", "--mode", 1, "--at", "theta", "-o", tmp_path / "m.gif").startswith(
         "--at theta:"
     )
+    for words, message in {
+        ("theta=nan",): "--at theta=nan: needed is NAME=VALUE",
+        ("theta=1e9",): "--at theta=1e+09: allowed are angles up to 1e+06 rad",
+        ("theta=1", "theta=2"): "--at theta=2: 'theta' is there twice; give it once",
+    }.items():
+        places = [word for value in words for word in ("--at", value)]
+        assert refused(tmp_path / "rom.h5", "--mode", 1, *places, "-o", tmp_path / "m.gif").startswith(message)
     assert "--mode 99" in refused(tmp_path / "rom.h5", "--mode", 99, "-o", tmp_path / "m.gif")
     assert "is a reduced model; give --mode K" in refused(tmp_path / "rom.h5", "-o", tmp_path / "m.gif")
 
@@ -215,6 +222,7 @@ def test_the_film_of_a_mode(tmp_path: Path) -> None:
         ("run.h5", ("-o", "notes.gif"), "exists and is not a film of this program"),
         ("run.h5", ("-o", "film.gif", "--mode", "1"), "--mode 1: for reduced models"),
         ("run.h5", ("-o", "film.gif", "--at", "theta=0"), "--at: for modes"),
+        ("run.h5", ("-o", "film.gif", "--field", "none", "--seconds", "3000"), "a GIF shows one picture for 655 s"),
         ("modes.h5", ("-o", "film.gif", "--mode", "1"), "a table of modes holds frequencies alone"),
         ("none.h5", ("-o", "film.gif"), "none.h5"),
     ],

@@ -53,6 +53,22 @@ def test_expressions_have_their_values_and_derivatives(text: str, value: float) 
         assert found.slope[k] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-8, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["1 / 0", "r1 / (c-2 - 3)", "0 ^ -1", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "10 ^ 999 * r1", "r1 ^ 1e9", "1e999"],
+)
+def test_what_has_no_value_or_no_derivative_is_not_finite(text: str) -> None:
+    """Python's own numbers would raise, or become complex."""
+    found = read_goal(f"minimise {text}", OUTPUTS, PARAMETERS).expression(outcome())
+    assert not (np.isfinite(found.value) and np.isfinite(found.slope).all())
+    assert not np.iscomplexobj(found.value)
+
+
+def test_the_power_zero_is_one() -> None:
+    found = read_goal("minimise (r1 - 2) ^ 0", OUTPUTS, PARAMETERS).expression(outcome())
+    assert found.value == 1.0 and not found.slope.any()
+
+
 @pytest.mark.parametrize(("word", "sense"), [("minimise", 1.0), ("minimize", 1.0), ("maximise", -1.0)])
 def test_goals_have_a_sense(word: str, sense: float) -> None:
     assert read_goal(f"{word} r1", OUTPUTS, PARAMETERS).sense == sense

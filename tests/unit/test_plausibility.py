@@ -114,6 +114,23 @@ WARNED = {
     "gravity upwards": (SCENE, ['effects.a={type="gravity", acceleration=-9.81}'], "effects.a.acceleration",
         "negative"),
     "gravity in mm": (SCENE, ['effects.a={type="gravity", acceleration=9810}'], "effects.a.acceleration", "ten times"),
+    "no damping": (
+        SCENE, ['effects.a={type="joint_damping", joint="elbow", coefficient=0}'], "effects.a.coefficient",
+        "leave it out",
+    ),
+    "no friction": (
+        SCENE, ['effects.a={type="joint_friction", joint="elbow", limit=0.0, speed=1.0}'], "effects.a.limit",
+        "leave it out",
+    ),
+    "rest of a damper": (
+        SCENE, ['effects.a={type="spring_damper", joint="elbow", damping=1e-3, rest=0.2}'], "effects.a.rest",
+        "there is no stiffness",
+    ),
+    "stretching of nothing": (
+        SCENE, ['reduction.stretching="static"', "reduction.second_order=false"], "reduction.stretching",
+        "reduction.second_order is false",
+    ),
+    "most angles of nothing": (SCENE, ["reduction.max_angles=99"], "reduction.max_angles", "no reduction.sampling_tol"),
     "no gravity": (SCENE, ['effects.a={type="gravity", acceleration=0.0}'], "effects.a.acceleration", "leave it out"),
     "twice the same": (SCENE, ['effects.again={type="torque", joint="crank_hinge", '
                                "table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]}"], "effects.again",

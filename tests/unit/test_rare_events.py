@@ -272,6 +272,8 @@ def test_events_are_read_from_text() -> None:
         ("push < 1e", "labels are far"),
         ("pash < 1.0", "there is no output pash; did you mean 'push'?"),
         ("push < 1e999", "1e999 is no finite number"),
+        ("push < -1e300", "-1e300: 0 or a magnitude from 1e-30 to 1e+30 is needed"),
+        ("push > 1e-40", "1e-40: 0 or a magnitude from 1e-30 to 1e+30 is needed"),
     ],
 )
 def test_what_is_no_event_is_refused(text: str, line: str) -> None:

@@ -11,6 +11,7 @@ from runs import quick_return, rom_of
 from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.reduced_terms import (
     WIDEST,
     ReducedTerms,
@@ -19,10 +20,12 @@ from pgmp_petsc.dynamics.reduced_terms import (
     pack,
 )
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import lost_definiteness
 
 PART = (
     "coordinates.theta.range=[0.2,1.4]",
@@ -161,3 +164,25 @@ def test_loads_are_absent_where_the_scene_has_none(scheme: str) -> None:
     rom = rom_of(scene)
     terms = terms_of(rom, scene, scheme)
     assert terms.load(np.array([0.1, 0.2])).shape == (2, 0, 3)
+
+
+def test_stiffness_that_interpolation_made_indefinite_has_no_share() -> None:
+    """There it is said where, in place of an error of the factors."""
+    scene = slider_crank("reduction.second_order=true")
+    rom = rom_of(scene)
+    model = ReducedModel(scene, rom)
+    q = np.zeros((3, model.terms.layout.n_eta))
+    q[:, 0] = 0.2, 0.4, 0.6
+    np.testing.assert_allclose(least_stiffness(model.terms, scene.values, q), 1.0, rtol=1e-12)
+    time = np.arange(3.0)
+    assert lost_definiteness(model, scene.values, time, q) == ""
+    # tables that change their sign in the second half of a turn
+    stiffness = rom.tables.stiffness.copy()
+    stiffness[rom.tables.samples.theta.ravel() > np.pi] *= -1.0
+    negated = replace(rom.tables, stiffness=stiffness)
+    model = ReducedModel(scene, replace(rom, tables=negated))
+    q[2, 0] = 4.0
+    share = least_stiffness(model.terms, scene.values, q)
+    np.testing.assert_array_equal(np.isnan(share), [False, False, True])
+    why = lost_definiteness(model, scene.values, time, q)
+    assert "is not positive definite at theta = 4 rad; build with more reduction.angles" in why

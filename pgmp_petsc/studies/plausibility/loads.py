@@ -40,6 +40,10 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             yield from _spring(scene, entry, effect, mass, length, whole)
         elif isinstance(effect, kinds.StructuralDamping):
             yield from _damping(scene, entry, effect, sizes)
+        elif isinstance(effect, kinds.JointDamping) and effect.coefficient == 0.0:
+            yield doubt(f"{entry}.coefficient", f"makes {entry} zero; leave it out", 0.0)
+        elif isinstance(effect, kinds.JointFriction) and effect.limit == 0.0:
+            yield doubt(f"{entry}.limit", f"makes {entry} zero; leave it out", 0.0)
     yield from _twice(scene)
 
 
@@ -116,10 +120,12 @@ def _spring(
         yield doubt(
             where, "negative: it drives the mechanism away from its rest, as a magnet or a toggle does", stiffness
         )
-    if isinstance(effect, kinds.SpringDamper) and effect.points is not None:
+    if isinstance(effect, kinds.SpringDamper):
         where_rest, rest = named(scene, f"{entry}.rest", effect.rest)
-        if rest < 0.0:
+        if effect.points is not None and rest < 0.0:
             yield refusal(where_rest, "a distance between points is not negative", rest)
+        if effect.joint is not None and rest and stiffness == 0.0:
+            yield doubt(where_rest, "without effect, as there is no stiffness; leave it out", rest)
     if not whole:
         return
     turns = not slides(scene, effect)

@@ -35,6 +35,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Findin
                 list(coordinate.range),
             )
     yield from _tables(scene)
+    yield from _without_effect(scene)
     if not scene.outputs:
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
 
@@ -80,6 +81,19 @@ def _tables(scene: Scene) -> Iterator[Finding]:
         yield refusal("reduction.angles", words, reduction.angles)
     elif n_bytes > LARGE_TABLES:
         yield doubt("reduction.angles", words, reduction.angles)
+
+
+def _without_effect(scene: Scene) -> Iterator[Finding]:
+    """Yield settings other than the defaults that work with another one, which the scene does not have."""
+    reduction = scene.reduction
+    chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
+    if reduction.stretching == "static" and not reduction.second_order and not chosen:
+        yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
+    usual = type(reduction).model_fields["max_angles"].default
+    if reduction.max_angles != usual and reduction.sampling_tolerance is None:
+        yield doubt(
+            "reduction.max_angles", "without effect, as there is no reduction.sampling_tolerance", reduction.max_angles
+        )
 
 
 def unused_findings(scene: Scene) -> Iterator[Finding]:
