@@ -238,9 +238,9 @@ class ReductionChoice:
             others = [rung for rung in self._looked_at if rung.entries[key] != found.entries[key]]
             if others:
                 best = min(others, key=self._error)
-                self._ledger.reasons[f"reduction.{key}"] = (
-                    f"with {json.dumps(best.entries[key])}, {best.entries['modes']} modes leave {self._error(best):.2g}"
-                )
+                left = self._error(best)
+                modes = f"{best.entries['modes']} modes leave {left:.2g}" if np.isfinite(left) else "none could be run"
+                self._ledger.reasons[f"reduction.{key}"] = f"with {json.dumps(best.entries[key])}, {modes}"
 
     def _last_resort(self, family: list[Rung]) -> bool:
         """Return whether a family is tried only where others fail: dynamic stretching, where there is static."""
