@@ -27,7 +27,7 @@ from pgmp_petsc.selection.trial import Errors, Trial
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")
 KNOBS = OF_BASIS + OF_GRID
-BETTER = 0.9  # of an error: where twice the angles leave no more, it was not the basis's alone
+COUNTS = 0.25  # of an error: where twice the angles change no more, it is the basis's own
 MUCH_BETTER = 0.7  # a family that leaves less than this share of another's error is climbed in its place
 NEAREST = 4  # rungs to the middle that are tried where it cannot be built
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
@@ -92,8 +92,8 @@ class ReductionChoice:
     def run(self) -> Trial:
         """Choose; the trial that is returned is the reduced model itself.
 
-        The search begins with few angles. They are doubled where that betters the best basis, before a family is
-        climbed and where none does it.
+        The search begins with few angles. Where none does it, they are doubled for as long as that changes the best
+        basis.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class ReductionChoice:
             If the tolerance cannot be met.
         """
         while (found := self._cheapest_basis()) is None:
-            if not self._finer_helps(best := self._best_looked_at()):
+            if not self._angles_count(best := self._best_looked_at()):
                 self._refuse(best)
             self._refine()
         self._explain(found)
@@ -147,21 +147,17 @@ class ReductionChoice:
     def _finer(self) -> dict[str, Any]:
         return self._grid | {"angles": 2 * self._grid["angles"]}
 
-    def _finer_helps(self, rung: Rung) -> bool:
-        """Return whether twice the angles better a rung that is not good enough; where its error is the basis's own,
-        they do not."""
-        left = self._error(rung)
-        if self._fixed_grid or left <= self.allowed["basis"] or 2 * self._grid["angles"] > self._angles[-1]:
+    def _angles_count(self, rung: Rung) -> bool:
+        """Return whether twice the angles change a good part of what a rung leaves, and can be afforded."""
+        if self._fixed_grid or self._finer["angles"] > self._angles[-1]:
             return False
-        self._apart(rung, self._grid, self._finer)
-        return self._try(rung.entries | self._finer).errors.largest <= BETTER * left
+        if not self._prices.within(rung, self._bench.budget):
+            return False
+        changed = self._apart(rung, self._grid, self._finer).largest
+        return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
 
     def _refine(self) -> None:
-        """Double the angles and begin anew; with families that can be built, where there are some."""
-        built = [rung for rung in self._looked_at if self._trial(rung).built]
-        self._all_families = [
-            family for family in self._all_families if any(rung in family for rung in built)
-        ] or self._all_families
+        """Double the angles and begin anew."""
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
 
@@ -195,16 +191,13 @@ class ReductionChoice:
         return found
 
     def _promising(self) -> list[list[Rung]]:
-        """Return the families to climb, at angles of which twice as many do not help their best middle rung."""
-        while True:
-            middles = []
-            for family in self._families:
-                middles.append(self._error(self._middle(family)))
-                if middles[-1] <= self.allowed["basis"]:
-                    return [family]
-            if not self._finer_helps(self._best_looked_at()):
-                return [f for f, middle in zip(self._families, middles) if MUCH_BETTER * middle <= min(middles)]
-            self._refine()
+        """Return the families to climb."""
+        middles = []
+        for family in self._families:
+            middles.append(self._error(self._middle(family)))
+            if middles[-1] <= self.allowed["basis"]:
+                return [family]
+        return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= min(middles)]
 
     def _middle(self, family: list[Rung]) -> Rung:
         """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
@@ -259,10 +252,11 @@ class ReductionChoice:
             best = self._best_looked_at()
         if self._fixed_grid and self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
             self._apart(best, self._grid, self._finer)
-        if not self._fixed_grid:
-            self._refuse_angles(best)
+        self._refuse_angles(best)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         last = [text for text in (kept_text(kept) if kept else "", self._too_dear) if text]
+        if not (self._fixed_grid or self._prices.within(best, self._bench.budget)):
+            last.append(f"{self._finer['angles']} angles were not tried: {self._prices.dear(best, self._bench.budget)}")
         n_static = self._limits.n_static if trial.reduction.static_modes else 0
         if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
@@ -272,10 +266,9 @@ class ReductionChoice:
     def _refuse_angles(self, best: Rung) -> None:
         """Refuse where the last angles that are tried still changed much of the best rung."""
         most = self._grid["angles"]
-        if 2 * most <= self._angles[-1]:
+        if self._fixed_grid or self._finer["angles"] <= self._angles[-1]:
             return
-        errors = self._apart(best, self._grid | {"angles": most // 2}, self._grid)
-        if errors.largest > BETTER * self._error(best):
+        if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
             hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
             refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
 

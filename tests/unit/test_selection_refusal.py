@@ -289,6 +289,15 @@ def test_angles_are_doubled_where_they_and_not_the_basis_leave_what_is_left() ->
     assert found.angles == 192, "2 (32 / 192)^4 is 1.5e-3, and a tenth of it with twice as many"
 
 
+def test_angles_that_are_too_dear_are_not_tried_and_are_said() -> None:
+    """A basis that is given is tried with the first angles, whatever it takes, and not with more."""
+    bench = Known(lambda reduction: 1e-4, budget=10.0, given=", modes=28, second_order=true, stretching='static'")
+    bench._grid = lambda reduction: 2.0 * (32.0 / reduction.angles) ** 4
+    with pytest.raises(InputError, match="96 angles were not tried: to build and run such a basis") as raised:
+        choice(bench).run()
+    assert "reference.budget = 10 s" in str(raised.value) and {r.angles for r in bench.tried} == {48}
+
+
 def test_angles_are_not_doubled_where_a_basis_leaves_what_is_left() -> None:
     bench = Known(lambda reduction: 0.03)
     with pytest.raises(InputError, match="the basis stands in the way"):
