@@ -1,4 +1,5 @@
-"""The reduction for a tolerance: angles that are enough, the cheapest basis, the fewest angles for it."""
+"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where those stand in the way, and the
+fewest angles for it."""
 
 from __future__ import annotations
 
@@ -92,8 +93,8 @@ class ReductionChoice:
     def run(self) -> Trial:
         """Choose; the trial that is returned is the reduced model itself.
 
-        The search begins with few angles. Where none does it, they are doubled for as long as that changes the best
-        basis.
+        The search begins with few angles. They are doubled where that betters the best basis of medium size, and where
+        none does it, for as long as that changes the best of all.
 
         Raises
         ------
@@ -191,13 +192,17 @@ class ReductionChoice:
         return found
 
     def _promising(self) -> list[list[Rung]]:
-        """Return the families to climb."""
-        middles = []
-        for family in self._families:
-            middles.append(self._error(self._middle(family)))
-            if middles[-1] <= self.allowed["basis"]:
-                return [family]
-        return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= min(middles)]
+        """Return the families to climb, at angles of which twice as many do not better the best middle rung."""
+        while True:
+            middles = []
+            for family in self._families:
+                middles.append(self._error(self._middle(family)))
+                if middles[-1] <= self.allowed["basis"]:
+                    return [family]
+            best, least = self._best_looked_at(), min(middles)
+            if not self._angles_count(best) or self._try(best.entries | self._finer).errors.largest >= least:
+                return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= least]
+            self._refine()
 
     def _middle(self, family: list[Rung]) -> Rung:
         """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
