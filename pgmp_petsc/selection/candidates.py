@@ -69,6 +69,10 @@ class CandidatePrices:
             entries += 2.0 * self.n_terms * m**3 + self.n_unknowns * m**2
         return 8.0 * n * entries
 
+    def within(self, rung: Rung, budget: float) -> bool:
+        """Return whether a candidate is not too dear; see `affordable`."""
+        return self.seconds(rung) <= SHARE * budget and self.bytes(rung) <= MOST_BYTES
+
     def affordable(self, families: Sequence[list[Rung]], budget: float) -> tuple[list[list[Rung]], str]:
         """Return of every family the rungs that are not too dear, the cheapest in any case, and what is left out.
 
@@ -79,19 +83,22 @@ class CandidatePrices:
         """
         kept, dear = [], []
         for family in families:
-            fine = [r for r in family if self.seconds(r) <= SHARE * budget and self.bytes(r) <= MOST_BYTES]
+            fine = [rung for rung in family if self.within(rung, budget)]
             kept.append(fine or family[:1])
             dear += [rung for rung in family if rung not in kept[-1]]
         if not dear:
             return kept, ""
         least = min(dear, key=self.seconds)
         curved = " with terms of second order" if least.entries["second_order"] else ""
-        size, time = self.bytes(least) / 1e6, duration_text(self.seconds(least))
-        return kept, (
-            f"bases of {least.n_flexible} flexible coordinates{curved} and what is dearer were not tried: to build and "
-            f"run that one is predicted to take {time} of processor time and {size:.0f} MB; allowed are {SHARE:g} of "
-            f"reference.budget = {budget:g} s and {MOST_BYTES / 1e6:.0f} MB; raise the budget, shorten "
-            "simulation.duration, or give reduction.modes"
+        what = f"bases of {least.n_flexible} flexible coordinates{curved} and what is dearer were not tried"
+        return kept, f"{what}: {self.dear(least, budget)}, or give reduction.modes"
+
+    def dear(self, rung: Rung, budget: float) -> str:
+        """Say what a candidate is predicted to take that is too dear, and the cure."""
+        return (
+            f"to build and run such a basis is predicted to take {duration_text(self.seconds(rung))} of processor time "
+            f"and {self.bytes(rung) / 1e6:.0f} MB; allowed are {SHARE:g} of reference.budget = {budget:g} s and "
+            f"{MOST_BYTES / 1e6:.0f} MB; raise the budget or shorten simulation.duration"
         )
 
     def text(self, families: Sequence[Sequence[Rung]]) -> str:

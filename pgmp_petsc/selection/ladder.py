@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import log
 from typing import Any
 
 from pgmp_petsc.bodies.matrices import assemble
@@ -25,6 +26,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import uncertain_names
 
 MODES = (1, 2, 3, 4, 5, 7, 10, 14, 18, 22, 28, 36)
+PATIENCE = 3  # rungs that did not help
 MIDDLE = 7  # flexible coordinates to begin with
 PARAMETER_MODES = 2  # of an extended basis
 MOST_CONDENSED = 22  # modes that continuum bodies are condensed for: their fields grow with it, and every eigenproblem
@@ -184,9 +186,9 @@ def _stretching(second: bool, given: dict[str, Any], limits: Limits) -> tuple[st
     return ("static", "dynamic") if second and limits.slender else ("dynamic",)
 
 
-def middle_of(family: Sequence[Rung]) -> Rung:
-    """Return the rung of medium size; of two that are as near, the larger."""
-    return min(reversed(family), key=lambda rung: abs(rung.n_flexible - MIDDLE))
+def by_distance_from_middle(family: Sequence[Rung]) -> list[Rung]:
+    """Return the rungs, those of medium size first, by how many times larger or smaller they are."""
+    return sorted(reversed(family), key=lambda rung: abs(log(rung.n_flexible / MIDDLE)))
 
 
 def _family(entries: dict[str, Any], given: dict[str, Any], limits: Limits) -> list[Rung]:
@@ -219,8 +221,8 @@ def first_passing(
     start
         Candidate to begin with.
     hopeless
-        Tells of a failing candidate and a later one that fails whether there is no use in going on; two times in a row
-        end the search.
+        Tells of a failing candidate and a later one that fails whether all between were no use; as many as `PATIENCE`
+        in a row end the search.
     """
     start = min(start, n - 1)
     if passes(start):
@@ -233,12 +235,12 @@ def first_passing(
             high, taken = high - stride, taken + 1
     else:
         low, high, stride, stalled = start, n, 1, 0
-        while low < n - 1 and stalled < 2:
+        while low < n - 1 and stalled < PATIENCE:
             probe = min(low + stride, n - 1)
             if passes(probe):
                 high = probe
                 break
-            stalled = stalled + 1 if hopeless(low, probe) else 0
+            stalled = stalled + probe - low if hopeless(low, probe) else 0
             low, stride = probe, 2 * stride
         if high == n:
             return None

@@ -1,9 +1,9 @@
-"""The reduction for a tolerance: angles that are enough, the cheapest basis, the fewest angles for it."""
+"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where those stand in the way, and the
+fewest angles for it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,9 +17,9 @@ from pgmp_petsc.selection.ladder import (
     SCHEMES,
     Limits,
     Rung,
+    by_distance_from_middle,
     families_of,
     first_passing,
-    middle_of,
 )
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
@@ -28,7 +28,9 @@ from pgmp_petsc.selection.trial import Errors, Trial
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")
 KNOBS = OF_BASIS + OF_GRID
+COUNTS = 0.25  # of an error: where twice the angles change no more, it is the basis's own
 MUCH_BETTER = 0.7  # a family that leaves less than this share of another's error is climbed in its place
+NEAREST = 4  # rungs to the middle that are tried where it cannot be built
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
 
@@ -58,18 +60,16 @@ class ReductionChoice:
         # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
         self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
         self._limits = limits
-        self._angles, self._first_angles = ANGLES[limits.n_coordinates], FIRST_ANGLES[limits.n_coordinates]
-        # what twice the angles change tells whether they are enough
-        most = reduction.angles if self._fixed_grid else 2 * self._first_angles
-        self._prices = CandidatePrices.of(bench.mechanism, limits, n_steps * bench.training.n_cases, most)
-        self._families, self._too_dear = self._prices.affordable(families_of(self.given, limits), bench.budget)
-        if self._too_dear and self._too_dear not in bench.remarks:
-            bench.remarks.append(self._too_dear)
+        self._angles = ANGLES[limits.n_coordinates]
         given = self.given.get("interpolation")
         self._schemes = SCHEMES[limits.n_coordinates] if given is None else (given,)
+        first = reduction.angles if self._fixed_grid else FIRST_ANGLES[limits.n_coordinates]
+        self._grid: dict[str, Any] = {"angles": first, "interpolation": self._schemes[0]}
+        self._all_families = families_of(self.given, limits)
+        self._take_affordable()
         self._trials: dict[tuple[Any, ...], Trial] = {}
+        self._looked_at: list[Rung] = []  # with the present angles
         self._worst_load = ""
-        self._left = 0.0  # by the interpolation with the angles that were enough
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
         if not self._families[0]:
@@ -83,51 +83,84 @@ class ReductionChoice:
         """What candidates are predicted to take, in words."""
         return self._prices.text(self._families)
 
+    def _take_affordable(self) -> None:
+        """Leave out what is too dear with twice the present angles, which tell whether these are enough."""
+        n_runs = self._n_steps * self._bench.training.n_cases
+        most = self._grid["angles"] * (1 if self._fixed_grid else 2)
+        self._prices = CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
+        self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
+
     def run(self) -> Trial:
         """Choose; the trial that is returned is the reduced model itself.
+
+        The search begins with few angles. They are doubled where that betters the best basis of medium size, and where
+        none does it, for as long as that changes the best of all.
 
         Raises
         ------
         InputError
             If the tolerance cannot be met.
         """
-        grid = {"angles": self._reduction.angles, "interpolation": self._schemes[0]}
-        if not self._fixed_grid:
-            grid = self._enough_angles()
-        rung = self._cheapest_basis(grid)
-        trial = self._try(rung.entries | grid)
-        return trial if self._fixed_grid else self._fewest_angles(rung, grid)
+        while (found := self._cheapest_basis()) is None:
+            if not self._angles_count(best := self._best_looked_at()):
+                self._refuse(best)
+            self._refine()
+        self._explain(found)
+        if self._too_dear:
+            self._bench.remarks.append(self._too_dear)
+        return self._trial(found) if self._fixed_grid else self._fewest_angles(found)
 
     def _try(self, entries: dict[str, Any]) -> Trial:
         """Return the trial of a candidate; one that the worst load tells to be bad is not run under the others."""
-        key = tuple(entries[name] for name in KNOBS)
+        key = _key(entries)
         if key not in self._trials:
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
-            if not trial.built and reduction.parameter_modes and "parameter_modes" not in self.given:
+            if trial.reason.startswith("reduction.parameter_modes") and "parameter_modes" not in self.given:
                 # beside many modes there may be no independent ones from other parameter values: they have them all
                 reduction = reduction.model_copy(update={"parameter_modes": 0})
                 trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:
-                self._worst_load = trial.errors.loads[trial.errors.place[0]]
+                # of what cannot be built nothing is known
+                self._worst_load = trial.errors.loads[trial.errors.place[0]] if trial.built else ""
             elif trial.errors.largest <= REDUCTION * self.tolerance:
                 trial = self._bench.go_on(trial)
             self._trials[key] = trial
         return self._trials[key]
 
-    def _enough_angles(self) -> dict[str, Any]:
-        """Return angles and scheme with which interpolation does not count for a basis of medium size."""
-        grid = {"angles": self._first_angles, "interpolation": self._schemes[0]}
-        while not self._settles(middle_of(self._families[0]), grid) and 4 * grid["angles"] <= self._angles[-1]:
-            grid = grid | {"angles": 2 * grid["angles"]}
-        return grid
+    def _trial(self, rung: Rung) -> Trial:
+        """Return the trial of a rung at the present angles."""
+        return self._try(rung.entries | self._grid)
 
-    def _settles(self, rung: Rung, grid: dict[str, Any]) -> bool:
-        """Return whether twice the angles would change little, and remember how much."""
-        errors = self._apart(rung, grid, grid | {"angles": 2 * grid["angles"]})
-        self._left = errors.largest
-        return errors.largest <= self.allowed["interpolation"]
+    def _error(self, rung: Rung) -> float:
+        """Return what a rung leaves at the present angles, and note it."""
+        trial = self._trial(rung)
+        if rung not in self._looked_at:
+            self._looked_at.append(rung)
+            self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, rung.cost)
+        return trial.errors.largest
+
+    def _best_looked_at(self) -> Rung:
+        return min(self._looked_at, key=self._error)
+
+    @property
+    def _finer(self) -> dict[str, Any]:
+        return self._grid | {"angles": 2 * self._grid["angles"]}
+
+    def _angles_count(self, rung: Rung) -> bool:
+        """Return whether twice the angles change a good part of what a rung leaves, and can be afforded."""
+        if self._fixed_grid or self._finer["angles"] > self._angles[-1]:
+            return False
+        if not self._prices.within(rung, self._bench.budget):
+            return False
+        changed = self._apart(rung, self._grid, self._finer).largest
+        return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
+
+    def _refine(self) -> None:
+        """Double the angles and begin anew."""
+        self._grid, self._looked_at = self._finer, []
+        self._take_affordable()
 
     def _apart(self, rung: Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
         """Return how far a grid is from a finer one."""
@@ -136,70 +169,16 @@ class ReductionChoice:
         self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
         return errors
 
-    def _cheapest_basis(self, grid: dict[str, Any]) -> Rung:
-        """Return the cheapest rung of all families that is good enough."""
-        tried: dict[int, float] = {}
-
-        def error(rung: Rung) -> float:
-            if id(rung) not in tried:
-                trial = self._try(rung.entries | grid)
-                self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, rung.cost)
-                tried[id(rung)] = trial.errors.largest
-            return tried[id(rung)]
-
-        def climb(family: list[Rung], start: int) -> Rung | None:
-            def stalls(before: int, now: int) -> bool:
-                return error(family[now]) > max(STALLED * error(family[before]), NEAR * self.allowed["basis"])
-
-            found = first_passing(len(family), lambda k: error(family[k]) <= self.allowed["basis"], start, stalls)
-            return None if found is None else family[found]
-
-        found = self._search(error, climb)
-        if found is None:
-            self._refuse(grid, [rung for family in self._families for rung in family if id(rung) in tried])
-        family = next(family for family in self._families if found in family)
-        fewer = family[: family.index(found)]
-        cheaper = [rung for rung in fewer if id(rung) in tried and np.isfinite(error(rung))]
-        reason = f"leave {error(found):.2g}, allowed {self.allowed['basis']:.2g}"
-        if cheaper:
-            reason += f"; {cheaper[-1].entries['modes']} leave {error(cheaper[-1]):.2g}"
-        self._ledger.reasons["reduction.modes"] = reason
-        self._ledger.reasons["reduction.static_modes"] = (
-            "the static answer to a load does the work of many modes" if self._limits.n_static else "no load acts"
-        )
-        for key in OF_BASIS[1:]:
-            others = [
-                rung
-                for family in self._families
-                for rung in family
-                if id(rung) in tried and rung.entries[key] != found.entries[key]
-            ]
-            if others:
-                best = min(others, key=error)
-                other = json.dumps(best.entries[key])
-                self._ledger.reasons[f"reduction.{key}"] = (
-                    f"with {other}, {best.entries['modes']} modes leave {error(best):.2g}"
-                )
-        return found
-
-    def _search(self, error: Callable[[Rung], float], climb: Callable[[list[Rung], int], Rung | None]) -> Rung | None:
-        """Return the cheapest rung that is good enough.
+    def _cheapest_basis(self) -> Rung | None:
+        """Return the cheapest rung of all families that is good enough; None if there is none at the present angles.
 
         The middle rungs tell where it is to be sought: in the first family whose one is good enough; else in those
         that are not much worse than the best, the cheapest first. What more modes cannot do in one family they can
         still do in a richer one.
         """
-        allowed, middles = self.allowed["basis"], []
-        for family in self._families:
-            middles.append(error(middle_of(family)))
-            if middles[-1] <= allowed:
-                break
-        order = [k for k, middle in enumerate(middles) if MUCH_BETTER * middle <= min(middles)]
-        if middles[-1] <= allowed:
-            order = [len(middles) - 1]
-        for k in order:
-            family = self._families[k]
-            found = climb(family, family.index(middle_of(family)))
+        allowed = self.allowed["basis"]
+        for family in self._promising():
+            found = self._climb(family, family.index(self._middle(family)))
             if found is not None:
                 break
         else:
@@ -208,9 +187,58 @@ class ReductionChoice:
             cheaper = [rung for rung in family if rung.cost < found.cost]
             if found in family or not cheaper or self._last_resort(family):
                 continue
-            if error(cheaper[-1]) <= allowed:
-                found = climb(cheaper, len(cheaper) - 1)
+            if self._error(cheaper[-1]) <= allowed:
+                found = self._climb(cheaper, len(cheaper) - 1)
         return found
+
+    def _promising(self) -> list[list[Rung]]:
+        """Return the families to climb, at angles of which twice as many do not better the best middle rung."""
+        while True:
+            middles = []
+            for family in self._families:
+                middles.append(self._error(self._middle(family)))
+                if middles[-1] <= self.allowed["basis"]:
+                    return [family]
+            best, least = self._best_looked_at(), min(middles)
+            if not self._angles_count(best) or self._try(best.entries | self._finer).errors.largest >= least:
+                return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= least]
+            self._refine()
+
+    def _middle(self, family: list[Rung]) -> Rung:
+        """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
+        whatever the angles."""
+        near = by_distance_from_middle(family)[:NEAREST]
+        return next((rung for rung in near if self._trial(rung).built), near[0])
+
+    def _climb(self, family: list[Rung], start: int) -> Rung | None:
+        """Return the rung of a family with the fewest modes that is good enough."""
+        allowed = self.allowed["basis"]
+
+        def stalls(before: int, now: int) -> bool:
+            return self._error(family[now]) > max(STALLED * self._error(family[before]), NEAR * allowed)
+
+        found = first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
+        return None if found is None else family[found]
+
+    def _explain(self, found: Rung) -> None:
+        """Say why it is this basis."""
+        family = next(family for family in self._families if found in family)
+        fewer = family[: family.index(found)]
+        cheaper = [rung for rung in fewer if rung in self._looked_at and np.isfinite(self._error(rung))]
+        reason = f"leave {self._error(found):.2g}, allowed {self.allowed['basis']:.2g}"
+        if cheaper:
+            reason += f"; {cheaper[-1].entries['modes']} leave {self._error(cheaper[-1]):.2g}"
+        self._ledger.reasons["reduction.modes"] = reason
+        self._ledger.reasons["reduction.static_modes"] = (
+            "the static answer to a load does the work of many modes" if self._limits.n_static else "no load acts"
+        )
+        for key in OF_BASIS[1:]:
+            others = [rung for rung in self._looked_at if rung.entries[key] != found.entries[key]]
+            if others:
+                best = min(others, key=self._error)
+                left = self._error(best)
+                modes = f"{best.entries['modes']} modes leave {left:.2g}" if np.isfinite(left) else "none could be run"
+                self._ledger.reasons[f"reduction.{key}"] = f"with {json.dumps(best.entries[key])}, {modes}"
 
     def _last_resort(self, family: list[Rung]) -> bool:
         """Return whether a family is tried only where others fail: dynamic stretching, where there is static."""
@@ -218,30 +246,38 @@ class ReductionChoice:
         static = self._limits.slender and "stretching" not in self.given
         return static and entries["second_order"] and entries["stretching"] == "dynamic"
 
-    def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:
-        """Say what stands in the way of the best of some rungs, none of which is good enough."""
-        trials = [self._try(rung.entries | grid) for rung in rungs]
-        if not any(trial.built for trial in trials):
-            raise RunError(trials[0].reason)
-        while True:
-            # some were looked at under one load only
-            best = min(range(len(rungs)), key=lambda k: trials[k].errors.largest)
-            complete = self._bench.go_on(trials[best])
-            if complete is trials[best]:
-                break
-            trials[best] = complete
-            self._ledger.add_trial("basis", OF_BASIS, complete, complete.errors, rungs[best].cost)
-        if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= self._angles[-1]:
-            self._apart(rungs[best], grid, grid | {"angles": 2 * grid["angles"]})
+    def _refuse(self, best: Rung) -> NoReturn:
+        """Say what stands in the way of the best rung that was looked at, which is not good enough."""
+        if not self._trial(best).built:
+            raise RunError(self._trial(best).reason)
+        while (trial := self._bench.go_on(self._trial(best))) is not self._trial(best):
+            # it was looked at under one load only, and another may be better
+            self._trials[_key(best.entries | self._grid)] = trial
+            self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, best.cost)
+            best = self._best_looked_at()
+        if self._fixed_grid and self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
+            self._apart(best, self._grid, self._finer)
+        self._refuse_angles(best)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         last = [text for text in (kept_text(kept) if kept else "", self._too_dear) if text]
-        n_static = self._limits.n_static if complete.reduction.static_modes else 0
-        if complete.reduction.modes >= self._limits.most_modes(n_static):
+        if not (self._fixed_grid or self._prices.within(best, self._bench.budget)):
+            last.append(f"{self._finer['angles']} angles were not tried: {self._prices.dear(best, self._bench.budget)}")
+        n_static = self._limits.n_static if trial.reduction.static_modes else 0
+        if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
-        rival = self._rival_of(complete, grid)
-        refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last, rival)
+        rival = self._rival_of(trial)
+        refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
 
-    def _rival_of(self, trial: Trial, grid: dict[str, Any]) -> Trial | None:
+    def _refuse_angles(self, best: Rung) -> None:
+        """Refuse where the last angles that are tried still changed much of the best rung."""
+        most = self._grid["angles"]
+        if self._fixed_grid or self._finer["angles"] <= self._angles[-1]:
+            return
+        if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
+            hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
+            refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
+
+    def _rival_of(self, trial: Trial) -> Trial | None:
         """Return the largest basis that follows stretching in another way than one of second order does."""
         kind = trial.reduction
         others = [
@@ -251,30 +287,20 @@ class ReductionChoice:
         ]
         if not (kind.second_order and others):
             return None
-        rival = self._try(others[0].entries | grid)
-        self._ledger.add_trial("basis", OF_BASIS, rival, rival.errors, others[0].cost)
-        return rival if np.isfinite(rival.errors.largest) else None
+        return self._trial(others[0]) if np.isfinite(self._error(others[0])) else None
 
-    def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
-        """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""
-        first = self._families[0]
-        small = rung in first and rung.n_flexible <= middle_of(first).n_flexible
-        settled = small and self._left <= self.allowed["interpolation"]
-        while not settled and not self._settles(rung, grid):
-            if 4 * grid["angles"] > self._angles[-1]:
-                hints = [f"the tables change too fast over the range for {grid['angles']} angles"]
-                refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
-            grid = grid | {"angles": 2 * grid["angles"]}
-        # what the finest grid leaves is no candidate's to leave again
-        allowed, left, schemes = self.allowed["interpolation"] - self._left, {}, self._schemes
+    def _fewest_angles(self, rung: Rung) -> Trial:
+        """Return the trial with the fewest angles, of any scheme, that are not far from those of the search; what these
+        leave themselves is part of the basis's error."""
+        allowed, left, schemes = self.allowed["interpolation"], {}, self._schemes
 
         def passes(count: int, scheme: str) -> bool:
             if left.get((count, schemes[0]), 0.0) > FAR * allowed:
                 return False  # schemes do not differ that much
-            left[count, scheme] = self._apart(rung, {"angles": count, "interpolation": scheme}, grid).largest
+            left[count, scheme] = self._apart(rung, {"angles": count, "interpolation": scheme}, self._grid).largest
             return left[count, scheme] <= allowed
 
-        chosen, counts = grid, [n for n in self._angles if n < grid["angles"]]
+        chosen, counts = self._grid, [n for n in self._angles if n < self._grid["angles"]]
         for scheme in schemes:
             found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1) if counts else None
             if found is not None:
@@ -284,6 +310,12 @@ class ReductionChoice:
             if scheme != chosen["interpolation"]:
                 reason = f"{scheme} leaves {left[count, scheme]:.2g} with {count} angles"
                 self._ledger.reasons["reduction.interpolation"] = reason
-        error = left.get(tuple(chosen.values()), 0.0) + self._left
-        self._ledger.reasons["reduction.angles"] = f"leave {error:.2g}, allowed {self.allowed['interpolation']:.2g}"
+        self._ledger.reasons["reduction.angles"] = (
+            f"leave {left.get(tuple(chosen.values()), 0.0):.2g}, allowed {allowed:.2g}, against "
+            f"{self._grid['angles']}, with which the basis was judged"
+        )
         return self._try(rung.entries | chosen)
+
+
+def _key(entries: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(entries[name] for name in KNOBS)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from scenes import kinematics_of, slider_crank
 
-from pgmp_petsc.selection.ladder import MODES, Limits, families_of, first_passing, middle_of, operations
+from pgmp_petsc.selection.ladder import MODES, Limits, by_distance_from_middle, families_of, first_passing, operations
 
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
 UNCERTAIN = Limits(n_modes=30, n_static=1, n_terms=3, uncertain=True)
@@ -36,6 +36,18 @@ def test_a_search_without_progress_ends() -> None:
 
     assert first_passing(12, passes, 2, lambda before, now: True) is None
     assert asked == [2, 3, 5]
+
+
+def test_a_long_stride_without_progress_ends_a_search_too() -> None:
+    """Candidates 1 and 3 help, 7 does not help more than 3 does: those between are not better either."""
+    asked: list[int] = []
+
+    def passes(k: int) -> bool:
+        asked.append(k)
+        return False
+
+    assert first_passing(12, passes, 0, lambda before, now: now > 3) is None
+    assert asked == [0, 1, 3, 7]
 
 
 def test_limits_of_the_slider_crank() -> None:
@@ -106,8 +118,9 @@ def test_other_vectors_come_on_top_of_the_modes_that_bodies_of_cells_are_condens
 
 def test_the_middle_is_of_seven_coordinates_or_eight() -> None:
     plain, extended, *_ = families_of({}, UNCERTAIN)
-    assert (middle_of(plain).n_flexible, middle_of(extended).n_flexible) == (8, 7)
-    assert middle_of(plain[:2]) is plain[1]
+    assert [by_distance_from_middle(family)[0].n_flexible for family in (plain, extended)] == [8, 7]
+    assert [rung.n_flexible for rung in by_distance_from_middle(plain)[:4]] == [8, 6, 5, 11], "some of both sides"
+    assert by_distance_from_middle(plain[:2])[0] is plain[1]
 
 
 def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
