@@ -1,5 +1,5 @@
-"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where those stand in the way, and the
-fewest angles for it."""
+"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where those stand in the way, and
+the fewest angles for it."""
 
 from __future__ import annotations
 
@@ -255,7 +255,8 @@ class ReductionChoice:
             self._trials[_key(best.entries | self._grid)] = trial
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, best.cost)
             best = self._best_looked_at()
-        if self._fixed_grid and self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
+        doubles = self._fixed_grid and self._reduction.sampling_tolerance is None
+        if doubles and self._finer["angles"] <= self._angles[-1]:
             self._apart(best, self._grid, self._finer)
         self._refuse_angles(best)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
