@@ -41,27 +41,9 @@ static inline vec absolute(vec x) {
     return x;
 }
 
-static inline vec inverse_root(vec x) {
-    for (int lane = 0; lane < LANES; lane++) x[lane] = sqrt(x[lane]);
-    return 1.0 / x;
-}
-
 static inline vec largest(vec x, vec y) {
     for (int lane = 0; lane < LANES; lane++) x[lane] = x[lane] > y[lane] ? x[lane] : y[lane];
     return x;
-}
-
-static inline void substitute(vec factor[PACKED(M)], vec x[M]) {
-    for (int i = 0, row = 0; i < M; row += ++i) {
-        vec total = x[i];
-        for (int j = 0; j < i; j++) total -= factor[row + j] * x[j];
-        x[i] = total * factor[row + i];
-    }
-    for (int i = M - 1; i >= 0; i--) {
-        vec total = x[i];
-        for (int j = i + 1; j < M; j++) total -= factor[PACKED(j) + i] * x[j];
-        x[i] = total * factor[PACKED(i) + i];
-    }
 }
 
 /* Residual and iteration matrix at (q, v, a), and the Newton correction. */
@@ -193,7 +175,7 @@ static void correct(const struct block *b, const vec q[N], const vec v[N], const
                 across[i] += 2.0 * w * v[j + 1] + change * q[j + 1];
                 across[j] -= 2.0 * w * v[i + 1] + change * q[i + 1];
                 changing += d * (v[i + 1] * q[j + 1] - v[j + 1] * q[i + 1]);
-                skew[e] = -(w * pushed + v0 * change);
+                skew[PACKED(i) + j] = -(w * pushed + v0 * change);
             }
         for (int i = 0; i < M; i++) {
             r[i + 1] -= a0 * along[i] + v0 * across[i];
@@ -203,36 +185,39 @@ static void correct(const struct block *b, const vec q[N], const vec v[N], const
         }
         r[0] += changing * v0 - total - changing * v0;
     }
-    for (int i = 0; i < M; i++) {
+    vec *low = factor, *up = SECOND_ORDER ? skew : factor;
+    for (int i = 0; SECOND_ORDER && i < M; i++)
         for (int j = 0; j < i; j++) {
-            vec total = factor[PACKED(i) + j];
-            for (int k = 0; k < j; k++) total -= factor[PACKED(i) + k] * factor[PACKED(j) + k];
-            factor[PACKED(i) + j] = total * factor[PACKED(j) + j];
+            vec even = low[PACKED(i) + j], odd = up[PACKED(i) + j];
+            low[PACKED(i) + j] = even + odd;
+            up[PACKED(i) + j] = even - odd;
         }
-        vec total = factor[PACKED(i) + i];
-        for (int k = 0; k < i; k++) total -= factor[PACKED(i) + k] * factor[PACKED(i) + k];
-        factor[PACKED(i) + i] = inverse_root(total);
+    for (int k = 0; k < M; k++) {
+        vec inverse = 1.0 / low[PACKED(k) + k];
+        low[PACKED(k) + k] = inverse;
+        for (int i = k + 1; i < M; i++) {
+            vec down = low[PACKED(i) + k], across = up[PACKED(i) + k];
+            low[PACKED(i) + k] = down * inverse;
+            if (SECOND_ORDER) up[PACKED(i) + k] = across * inverse;
+            for (int j = k + 1; j < i; j++) {
+                low[PACKED(i) + j] -= down * up[PACKED(j) + k];
+                if (SECOND_ORDER) up[PACKED(i) + j] -= across * low[PACKED(j) + k];
+            }
+            low[PACKED(i) + i] -= down * (across * inverse);
+            column[i] -= low[PACKED(i) + k] * column[k];
+            row[i] -= up[PACKED(i) + k] * row[k];
+        }
+        row[k] *= inverse;
+        corner -= row[k] * column[k];
     }
-    substitute(factor, column);
-    for (int i = 0; i < M; i++) corner -= row[i] * column[i];
-    corner = 1.0 / corner;
-    for (int pass = 0; pass < (SECOND_ORDER ? 2 : 1); pass++) {
-        vec rest[N], *x = pass ? rest : r;
-        if (pass) {
-            for (int i = 0; i < N; i++) rest[i] = zero;
-            for (int i = 0, e = 0; i < M; i++)
-                for (int j = 0; j < i; j++, e++) {
-                    rest[i + 1] += skew[e] * r[j + 1];
-                    rest[j + 1] -= skew[e] * r[i + 1];
-                }
-        }
-        substitute(factor, x + 1);
-        vec total = x[0];
-        for (int i = 0; i < M; i++) total -= row[i] * x[i + 1];
-        x[0] = total * corner;
-        for (int i = 0; i < M; i++) x[i + 1] -= column[i] * x[0];
-        if (pass)
-            for (int i = 0; i < N; i++) r[i] -= rest[i];
+    for (int i = 0; i < M; i++)
+        for (int j = 0; j < i; j++) r[i + 1] -= low[PACKED(i) + j] * r[j + 1];
+    for (int i = 0; i < M; i++) r[0] -= row[i] * r[i + 1];
+    r[0] /= corner;
+    for (int i = M - 1; i >= 0; i--) {
+        vec total = (r[i + 1] - column[i] * r[0]) * low[PACKED(i) + i];
+        for (int j = i + 1; j < M; j++) total -= up[PACKED(j) + i] * r[j + 1];
+        r[i + 1] = total;
     }
 }
 

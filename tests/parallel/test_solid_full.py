@@ -33,9 +33,10 @@ def test_ranks_share_a_run(mpirun: Callable, tmp_path: Path) -> None:
         np.testing.assert_allclose(several.outputs[name], values, rtol=0, atol=1e-9 * np.abs(values).max())
     np.testing.assert_allclose(several.balance.kinetic, one.balance.kinetic, rtol=1e-8, atol=1e-15)
     np.testing.assert_allclose(several.frames.positions["rod"], one.frames.positions["rod"], atol=1e-12)
+    # stresses are derivatives: round-off of the displacements is ten times as large in them
     for name, values in one.fields["crank"].at_nodes.items():
         found = several.fields["crank"].at_nodes[name]
-        np.testing.assert_allclose(found, values, rtol=0, atol=1e-9 * np.abs(values).max())
+        np.testing.assert_allclose(found, values, rtol=0, atol=1e-8 * np.abs(values).max())
 
 
 def test_ranks_that_share_a_body_build_its_stresses(mpirun: Callable, tmp_path: Path) -> None:

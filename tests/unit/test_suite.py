@@ -16,7 +16,7 @@ SECONDS, WAITS = ("timeout", "deadline"), ("wait", "communicate")
 # where the switch itself is tested
 SWITCHES = (
     "tests/combinations.py", "tests/commands/test_commands.py", "tests/parallel/test_ensemble.py",
-    "tests/unit/test_scene_errors.py", "tests/unit/test_validity.py",
+    "tests/unit/test_scene_errors.py", "tests/unit/test_validity.py", "tests/verification/test_starting_jump.py",
 )  # fmt: skip
 
 

@@ -90,7 +90,7 @@ def test_files_are_replaced_with_force_alone(tmp_path: Path, capfd: pytest.Captu
     [
         ("mine.txt", "scenes are TOML; name it '"),
         ("none/mine.toml", "does not exist; create it first"),
-        ("folder.toml", "is there and no regular file; give another name"),
+        ("folder.toml", "is a directory; give the name of a file in it, FILE.toml"),
     ],
 )
 def test_places_where_no_scene_can_be(

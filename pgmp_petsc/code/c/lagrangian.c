@@ -234,7 +234,7 @@ static void add_gyroscopic(struct work *w) {
                 across[j] -= 2.0 * value * v[R + i] + change * q[i];
                 for (int h = 0; h < R; h++)
                     changing[h] += w->t->table[1 + h][at + e] * (v[R + i] * q[j] - v[R + j] * q[i]);
-                if (w->fresh) w->matrix->skew[e] -= value * pushed + v[k] * change;
+                if (w->fresh) w->matrix->skew[PACKED(i) + j] -= value * pushed + v[k] * change;
             }
         for (int i = 0; i < M; i++) {
             w->r[R + i] -= a[k] * along[i] + v[k] * across[i];

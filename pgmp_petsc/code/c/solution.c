@@ -1,7 +1,7 @@
-/* Solving with the iteration matrix: Cholesky factors of the flexible block, bordered by the rigid coordinates.
+/* Solving with the iteration matrix: factors L D U of the flexible block, bordered by the rigid coordinates.
 
-   The skew part of the flexible block is smaller than the symmetric one by some thousandths at most: so is what one
-   refinement leaves of the error.
+   L and U have unit diagonals, and U = L^T but for gyroscopic terms. Pivots are positive at reasonable steps; where one
+   is not, all becomes NaN.
 
    written by pgmp_petsc */
 
@@ -9,25 +9,39 @@
 
 #include "tables.h"
 
-static void substitute(const double factor[], double x[]) {
-    for (int i = 0, row = 0; i < M; row += ++i) {
-        double total = x[i];
-        for (int j = 0; j < i; j++) total -= factor[row + j] * x[j];
-        x[i] = total * factor[row + i];
-    }
+static const double *upper_of(const struct matrix *m) { return SECOND_ORDER ? m->skew : m->factor; }
+
+static void substitute(const struct matrix *m, double x[]) {
+    const double *lower = m->factor, *upper = upper_of(m);
+    for (int i = 0; i < M; i++)
+        for (int j = 0; j < i; j++) x[i] -= lower[PACKED(i) + j] * x[j];
     for (int i = M - 1; i >= 0; i--) {
-        double total = x[i];
-        for (int j = i + 1; j < M; j++) total -= factor[PACKED(j) + i] * x[j];
-        x[i] = total * factor[PACKED(i) + i];
+        x[i] *= lower[PACKED(i) + i];
+        for (int j = i + 1; j < M; j++) x[i] -= upper[PACKED(j) + i] * x[j];
     }
 }
 
-static void factorise(double factor[]) {
-    for (int i = 0; i < M; i++) {
-        for (int j = 0; j <= i; j++) {
-            double total = factor[PACKED(i) + j];
-            for (int k = 0; k < j; k++) total -= factor[PACKED(i) + k] * factor[PACKED(j) + k];
-            factor[PACKED(i) + j] = j < i ? total * factor[PACKED(j) + j] : 1.0 / sqrt(total);
+/* L takes the place of the symmetric part with D^-1 on its diagonal, U transposed that of the skew part, if any. */
+static void factorise(struct matrix *m) {
+    double *lower = m->factor, *upper = SECOND_ORDER ? m->skew : m->factor;
+    for (int i = 0, e = 0; SECOND_ORDER && i < M; i++, e++)
+        for (int j = 0; j < i; j++, e++) {
+            double even = lower[e], odd = upper[e];
+            lower[e] = even + odd;
+            upper[e] = even - odd;
+        }
+    for (int k = 0; k < M; k++) {
+        double pivot = lower[PACKED(k) + k], inverse = pivot > 0.0 ? 1.0 / pivot : NAN;
+        lower[PACKED(k) + k] = inverse;
+        for (int i = k + 1; i < M; i++) {
+            double down = lower[PACKED(i) + k], across = upper[PACKED(i) + k]; /* L_ik D_k and D_k U_ki */
+            lower[PACKED(i) + k] = down * inverse;
+            upper[PACKED(i) + k] = across * inverse;
+            for (int j = k + 1; j < i; j++) {
+                lower[PACKED(i) + j] -= down * upper[PACKED(j) + k];
+                if (SECOND_ORDER) upper[PACKED(i) + j] -= across * lower[PACKED(j) + k];
+            }
+            lower[PACKED(i) + i] -= down * across * inverse;
         }
     }
 }
@@ -47,7 +61,7 @@ static void invert(double corner[R][R]) {
     }
 }
 
-/* The factor takes the place of the flexible block S, S^-1 C that of the column, (s - R S^-1 C)^-1 that of the corner;
+/* Factors take the place of the flexible block S, S^-1 C that of the column, (s - R S^-1 C)^-1 that of the corner;
    coordinates whose motion is given are not corrected. */
 void eliminate(struct matrix *m) {
     for (int k = 0; k < R; k++)
@@ -55,17 +69,20 @@ void eliminate(struct matrix *m) {
             for (int j = 0; j < R; j++) m->corner[k][j] = j == k;
             for (int i = 0; i < M; i++) m->row[k][i] = 0.0;
         }
-    factorise(m->factor);
-    for (int k = 0; k < R; k++) substitute(m->factor, m->column[k]);
+    factorise(m);
+    for (int k = 0; k < R; k++) substitute(m, m->column[k]);
     for (int k = 0; k < R; k++)
         for (int j = 0; j < R; j++)
             for (int i = 0; i < M; i++) m->corner[k][j] -= m->row[k][i] * m->column[j][i];
     invert(m->corner);
 }
 
-static void solve_symmetric(const struct matrix *m, double x[N]) {
+/* Replaces a residual by its Newton correction. */
+void solve(const struct matrix *m, double x[N]) {
     double right[R];
-    substitute(m->factor, x + R);
+    for (int k = 0; k < R; k++)
+        if (pgmp_prescribed[k]) x[k] = 0.0;
+    substitute(m, x + R);
     for (int k = 0; k < R; k++) {
         right[k] = x[k];
         for (int i = 0; i < M; i++) right[k] -= m->row[k][i] * x[R + i];
@@ -75,20 +92,4 @@ static void solve_symmetric(const struct matrix *m, double x[N]) {
         for (int j = 0; j < R; j++) x[k] += m->corner[k][j] * right[j];
         for (int i = 0; i < M; i++) x[R + i] -= m->column[k][i] * x[k];
     }
-}
-
-/* Replaces a residual by its Newton correction. */
-void solve(const struct matrix *m, double x[N]) {
-    double rest[N] = {0};
-    for (int k = 0; k < R; k++)
-        if (pgmp_prescribed[k]) x[k] = 0.0;
-    solve_symmetric(m, x);
-    if (!SECOND_ORDER) return;
-    for (int i = 0, e = 0; i < M; i++)
-        for (int j = 0; j < i; j++, e++) {
-            rest[R + i] += m->skew[e] * x[R + j];
-            rest[R + j] -= m->skew[e] * x[R + i];
-        }
-    solve_symmetric(m, rest);
-    for (int i = 0; i < N; i++) x[i] -= rest[i];
 }
