@@ -186,8 +186,11 @@ def tail_remarks(values: Iterable[tuple[str, np.ndarray]], chosen: np.ndarray) -
     names = []
     for name, each in values:
         known = each[chosen & np.isfinite(each)]
-        squares = (known - np.mean(known)) ** 2 if known.size >= FEWEST_OF_TAIL else np.zeros(0)
-        if squares.size and intervals.freedom_of(squares, squares.size - 1) < FEW_OF_TAIL:
+        if known.size < FEWEST_OF_TAIL:
+            continue
+        known -= np.mean(known)
+        known *= known
+        if intervals.freedom_of(known, known.size - 1) < FEW_OF_TAIL:
             names.append(name)
     if not names:
         return ()

@@ -49,15 +49,19 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
         return np.full(2, np.sqrt(variance))
     from scipy.special import ndtri
 
-    scaled = (values - np.mean(values)) / np.sqrt(variance)
+    # in place: of a million samples every copy would be a thirtieth of the memory of a rank
+    scaled = values - np.mean(values)
+    scaled /= np.sqrt(variance)
+    scaled.sort()
+    second = np.einsum("i,i->", scaled, scaled)
     z = ndtri(0.5 + 0.5 * confidence)
     correction = n / (n - z) if n > z else np.inf
     # as scipy.stats.trim_mean, whose import takes a quarter of a second of every ensemble
     cut = int(n * min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
-    about = np.mean(np.sort(scaled)[cut : n - cut])
-    squares = (scaled - about) ** 2
-    kurtosis = n * np.sum(squares**2) / np.sum(scaled**2) ** 2
-    student = _student(confidence, freedom_of(squares, n - 1))
+    scaled -= np.mean(scaled[cut : n - cut])
+    scaled *= scaled
+    kurtosis = n * np.einsum("i,i->", scaled, scaled) / second**2
+    student = _student(confidence, freedom_of(scaled, n - 1))
     spread = student * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
 
@@ -133,11 +137,13 @@ def freedom_of(values: np.ndarray, most: float) -> float:
     A variance of n values with the kurtosis k is off by ``sqrt((k - 1) / n)`` of itself, as chi-squared of ``2 n / (k -
     1)`` degrees (Box, Biometrika 40 (1953) 318-335): n of normal values, few where one value decides.
     """
-    squares = (values - np.mean(values)) ** 2
+    squares = values - np.mean(values)
+    squares *= squares
     total = np.sum(squares)
     if not total > 0.0:
         return float(most)
-    excess = values.size * np.sum((squares / total) ** 2) - 1.0
+    squares /= total
+    excess = values.size * np.einsum("i,i->", squares, squares) - 1.0
     return float(min(most, 2.0 * values.size / excess)) if excess > 0.0 else float(most)
 
 

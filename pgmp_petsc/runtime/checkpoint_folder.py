@@ -36,7 +36,7 @@ PROGRAM = "pgmp_petsc"
 KIND = "piece"
 # what this program puts into such a folder, and removes again
 _OWN = (LABEL, "*.npz", "*.npz.damaged", ".*.partial")
-AT_HAND = 2**25  # bytes of pieces that the process which wrote them need not read
+AT_HAND = 2**24  # bytes of pieces that the process which wrote them need not read
 
 Content = TypeVar("Content")
 
