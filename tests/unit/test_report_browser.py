@@ -1,6 +1,6 @@
 """The page of results in a browser: nothing beyond the edge at two widths, no error, and a film that moves the charts.
 
-Needs Chromium (Debian: chromium-headless-shell); without any these tests are skipped.
+Needs Chromium, which `scripts/setup --tests` installs from Debian's packages; without any these tests are skipped.
 """
 
 from __future__ import annotations
