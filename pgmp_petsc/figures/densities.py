@@ -18,7 +18,7 @@ from pgmp_petsc.figures.style import (
     COMPONENT_COLOUR,
     FULL_COLOUR,
     MODELS,
-    PLAIN,
+    PlainNumbers,
     QUIET,
     REDUCED_COLOUR,
     axis_label,
@@ -138,7 +138,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
     axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(known))
-    axes.yaxis.set_major_formatter(PLAIN)
+    axes.yaxis.set_major_formatter(PlainNumbers())
     axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
     _write_moments(axes, known, colours, factor, unit)
     if len(block) > 1:

@@ -17,7 +17,7 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import Formatter
 
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.files import RunRecord, replacing
@@ -30,8 +30,6 @@ FULL_COLOUR = "#4D4D4D"
 COMPONENT_COLOUR = "#0072B2"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
-# numbers on an axis without a common factor, which would stand in the way of what is written above
-PLAIN = FuncFormatter(lambda value, _: f"{value:.6g}")
 MODELS = {"full": "full order", "components": "component modes", "reduced": "reduced"}
 RESOLUTION = 150
 PROGRAM = f"pgmp_petsc {__version__}"
@@ -143,6 +141,28 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = No
 def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:
     """Return the lines of a text over a picture of the given width (inches)."""
     return textwrap.wrap(text, int((width - 0.24) * look["characters_per_inch"]))
+
+
+class PlainNumbers(Formatter):
+    """Numbers on an axis without a common factor or offset, which would stand in the way of what is written above.
+
+    They have six digits, or as many as tell one tick from the next.
+    """
+
+    def __init__(self) -> None:
+        self.digits = 6
+
+    def set_locs(self, locs: Sequence[float]) -> None:
+        """Find the digits for ticks at these places, on a linear axis."""
+        super().set_locs(locs)
+        places = np.unique(locs)
+        apart, largest = np.diff(places).min(initial=np.inf), np.abs(places).max(initial=0.0)
+        if 0.0 < apart < largest:
+            self.digits = int(np.clip(np.floor(np.log10(largest)) - np.floor(np.log10(apart)) + 1, 6, 15))
+
+    def __call__(self, value: float, pos: int | None = None) -> str:
+        """Return the number at a tick."""
+        return f"{value:.{self.digits}g}"
 
 
 def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:

@@ -14,7 +14,7 @@ from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     MODELS,
     PALETTE,
-    PLAIN,
+    PlainNumbers,
     QUIET,
     REDUCED_COLOUR,
     distinct_colours,
@@ -83,7 +83,7 @@ def mesh_costs(study: Tradeoff) -> Figure:
         axes.minorticks_off()
         if cells.size:
             axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
-        axes.yaxis.set_major_formatter(PLAIN)
+        axes.yaxis.set_major_formatter(PlainNumbers())
         axes.set_xlabel("cells of all bodies")
     for axes, keys in ((errors, _keys_of_errors(study)), (costs, _keys_of_times(study))):
         if keys:
@@ -163,7 +163,7 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(PLAIN)
+        axis.set_major_formatter(PlainNumbers())
     for colour, family in FRONTS.items():
         rows = _front(study, cost, column, family)
         axes.step(cost[rows], error[rows], where="post", color=colour, linewidth=5.0, alpha=0.22, zorder=1.5)

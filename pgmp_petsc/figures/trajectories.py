@@ -19,7 +19,7 @@ from pgmp_petsc.figures.differences import same_case, tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     MODELS,
-    PLAIN,
+    PlainNumbers,
     QUIET,
     axis_label,
     axis_unit,
@@ -223,7 +223,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
             axes.plot(*error, color=colour, linewidth=1.1)
             largest.append(float(np.max(error[1])))
     axes.set_ylim(bottom=0.0)
-    axes.yaxis.set_major_formatter(PLAIN)
+    axes.yaxis.set_major_formatter(PlainNumbers())
     axes.set_ylabel("error (%)")
     if largest:
         axes.set_title(f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)

@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.figures.bands import COLOURS, pairs_of
-from pgmp_petsc.figures.style import PALETTE, PLAIN, QUIET, axis_label, axis_unit, new_figure, span, styled
+from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.datum import in_words
 from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row
 MOST_MARKS = 300  # of samples that failed
+NARROW = 1e-3  # share of the values that their range takes, below which numbers on its axis are long
 FAILED = "#A32A00"
 LEVEL = "#A32A00"
 _SVG = {"svg.fonttype": "none", "axes.titlesize": 9.5, "figure.facecolor": "none"}
@@ -209,8 +210,10 @@ def distribution(
         axes.set_ylim(bottom=0.0)
         axes.set_yticks([])
         axes.grid(axis="y", visible=False)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.xaxis.set_major_formatter(PLAIN)
+        # numbers that differ in a late digit are long
+        narrow = np.ptp(edges) < NARROW * np.abs(edges).max()
+        axes.xaxis.set_major_locator(MaxNLocator(2 if narrow else 5))
+        axes.xaxis.set_major_formatter(PlainNumbers())
         axes.set_xlabel(axis_label(name.replace(".", ", "), shown))
         _keys(axes)
 
@@ -300,7 +303,7 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
         axes.set_xlabel("time of a sample (ms)")
         axes.set_ylabel("largest error (%)")
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(PLAIN)
+            axis.set_major_formatter(PlainNumbers())
             axis.set_minor_formatter(NullFormatter())
         _keys(axes)
 

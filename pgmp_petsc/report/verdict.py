@@ -15,7 +15,7 @@ from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_c
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
-from pgmp_petsc.results.numbers import percent
+from pgmp_petsc.results.numbers import end_texts, percent
 
 MUCH_MORE = 2.4  # times the measured error: beyond it 5 % of the estimates are too large, see docs/method.md
 
@@ -62,7 +62,8 @@ def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
         figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
-        ends = [place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)]
+        texts = end_texts(factor * s.quantiles[[low, high]])
+        ends = [place.datum("quantiles", s.quantiles[k], text, str(k)) for k, text in zip((low, high), texts)]
         words = in_words(name) if ahead else sentence_case(in_words(name))
         yield [
             f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",

@@ -355,7 +355,7 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
         return words(next(with_class(tree, "verdict"))), {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
 
     verdict, budget = of(*files[:2])
-    assert re.search(r"Model error 3\.4 % .* with the same time step, whose own error does not show\.", verdict)
+    assert re.search(r"Model error 3\.4 % .* with the same time step: its error shows where", verdict)
     assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
     assert budget["model: slider deformation"][0] == "3.4 %"
     assert budget["model and time step: slider deformation"][0] == "80 %"
@@ -372,3 +372,19 @@ def test_marks_of_samples_that_failed_are_counted() -> None:
     assert found.caption == (
         "The level of far, 40 m, is far beyond this picture. 300 of 5000 samples that failed are marked."
     )
+
+
+def test_values_that_hardly_differ_are_told_apart(tmp_path: Path) -> None:
+    """Samples that lie within a millionth of their mean have digits enough, in words and on the axis."""
+    plain = synthetic.ensemble("reduced", 60)
+    values = 5.286 * (1.0 + 1e-6 * np.linspace(-1.0, 1.0, 60))
+    statistics = plain.statistics | {"crank_angle": synthetic.statistics(values)}
+    replace(plain, outputs=plain.outputs | {"crank_angle": values}, statistics=statistics).write(tmp_path / "near.h5")
+    write_report([tmp_path / "near.h5"], tmp_path / "near.html")
+    tree = parsed((tmp_path / "near.html").read_text(encoding="utf-8"))
+    text = next(t for t in map(words, next(with_class(tree, "verdict")).iter("p")) if t.startswith("Crank angle"))
+    low, high = map(float, re.search(r"lie between ([\d.]+) and ([\d.]+) rad", text).groups())
+    assert high - low == pytest.approx(np.diff(np.quantile(values, [0.05, 0.95]))[0], rel=0.1)
+    chart = next(item for item in tree.iter() if item.get("aria-label") == "crank angle" and "chart" in item.get("class"))
+    ticks = [words(item) for item in chart.iter() if item.tag.endswith("text") and words(item).startswith("5.28")]
+    assert len(ticks) >= 2 and len(set(ticks)) == len(ticks)
