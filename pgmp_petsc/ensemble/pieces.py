@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from pgmp_petsc.runtime.vectors import LANES
 
-SHARES = 3  # pieces that a rank would have of what is left, if all were equal
+SHARES = 2  # pieces that a rank would have of what is left, if all were equal
 LEAST = 32
 LEAST_CHECKED, MOST_CHECKED = 8, 128
 
