@@ -3,8 +3,8 @@
 Most samples cost least in large batches, but the last pieces decide how long ranks wait for each other: pieces get
 smaller as fewer samples are left (guided self-scheduling, Polychronopoulos and Kuck 1987). The samples whose errors are
 estimated are in pieces of their own: an estimate takes ten times as long as a run, and a piece of them costs as much as
-fifteen samples before there is any in it. They are dealt out first, as few as there are ranks. A sample's numbers depend
-on none of this.
+fifteen samples before there is any in it. They are dealt out first, as few as there are ranks. A sample's numbers
+depend on none of this.
 """
 
 from __future__ import annotations

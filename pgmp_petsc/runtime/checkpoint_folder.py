@@ -2,9 +2,10 @@
 
 Every piece is a file of its own, written under another name and renamed, so that a run may be killed at any moment.
 Pushing one to the disk takes longer than writing it: that is done when some time has passed since the last, so that
-pieces that took long are pushed and a machine that fails costs few others. The folder says which run it belongs to, and so does the seal of every piece
-(:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of another run, is named, set
-aside and computed again. The folder is removed once the result is written; one without this program's label never is.
+pieces that took long are pushed and a machine that fails costs few others. The folder says which run it belongs to, and
+so does the seal of every piece (:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of
+another run, is named, set aside and computed again. The folder is removed once the result is written; one without this
+program's label never is.
 
 What the same process takes up again is at hand as long as it is not much, and the file is the one that it wrote.
 
