@@ -20,11 +20,9 @@ from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of
 from pgmp_petsc.api.sources import REDUCED, AnySource, Origin
 from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
-from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sampling import refuse_drawn
-from pgmp_petsc.ensemble.shards import Shards
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import read_shard
@@ -209,6 +207,8 @@ def rare_event(
     InputError, RunError
         As the command.
     """
+    from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
+
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         if not isinstance(event, str):
@@ -255,6 +255,8 @@ def merge(
     RunError
         If the system fails to write.
     """
+    from pgmp_petsc.ensemble.shards import Shards  # as above
+
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         if isinstance(files, (str, PathLike)) or not isinstance(files, Sequence) or not files:

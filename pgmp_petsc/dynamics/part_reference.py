@@ -24,7 +24,6 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, intrinsic, lower_getattr_generic, models, register_model, typeof_impl, unbox
 from numba.misc.special import typeof
-from numba.np.arrayobj import populate_array
 
 _WORD = ir.IntType(64)
 _TYPES: dict[Any, types.Type] = {}  # of arrays, which are asked for a hundred times for each model
@@ -154,6 +153,8 @@ def _value(context: Any, builder: ir.IRBuilder, of: types.Type, table: ir.Value,
         return context.make_tuple(builder, of, parts)
     word = _word(builder, table, first)
     if isinstance(of, types.Array):
+        from numba.np.arrayobj import populate_array  # a noticeable time, and what is compiled has no use for it
+
         shape = [_word(builder, table, first + 1 + axis) for axis in range(of.ndim)]
         size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(of.dtype)))
         strides = [size]

@@ -2,9 +2,9 @@
 
 Most samples cost least in large batches, but the last pieces decide how long ranks wait for each other: pieces get
 smaller as fewer samples are left (guided self-scheduling, Polychronopoulos and Kuck 1987). The samples whose errors are
-estimated are integrated once more, in pieces of their own: an estimate takes ten times as long as a run, and a piece of
-them costs as much as fifteen samples before there is any in it. They are dealt out first, as few as there are ranks. A
-sample's numbers depend on none of this.
+estimated are in pieces of their own: an estimate takes ten times as long as a run, and a piece of them costs as much as
+fifteen samples before there is any in it. They are dealt out first, as few as there are ranks. A sample's numbers
+depend on none of this.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from pgmp_petsc.runtime.vectors import LANES
 
-SHARES = 3  # pieces that a rank would have of what is left, if all were equal
+SHARES = 2  # pieces that a rank would have of what is left, if all were equal
 LEAST = 32
 LEAST_CHECKED, MOST_CHECKED = 8, 128
 
@@ -23,11 +23,20 @@ Ranges = Sequence[tuple[int, int]]
 
 @dataclass(frozen=True)
 class Piece:
-    """Samples first to last - 1, and whether it is their errors that are estimated."""
+    """Samples first to last - 1, whether it is their errors that are estimated, and then whether the samples themselves
+    are wanted too, or are there already."""
 
     first: int
     last: int
     is_checked: bool = False
+    is_both: bool = False
+
+    @property
+    def parts(self) -> tuple[Piece, ...]:
+        """What it gives: samples, their errors, or both."""
+        if not self.is_both:
+            return (self,)
+        return Piece(self.first, self.last, True), Piece(self.first, self.last)
 
 
 def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> list[Piece]:
@@ -44,8 +53,11 @@ def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> li
     """
     a_rank = -(-sum(last - first for first, last in to_check) // n_groups)
     even = min(max(_whole_lanes(a_rank), LEAST_CHECKED), MOST_CHECKED, largest)
-    found = [Piece(*ends, True) for ends in _cut(to_check, n_groups, even, even)]
-    return found + [Piece(*ends) for ends in _cut(samples, n_groups, min(LEAST, largest), largest)]
+    both = [ends for wanted in to_check for ends in within(samples, *wanted)]
+    found = [Piece(*ends, True, True) for ends in _cut(both, n_groups, even, even)]
+    found += [Piece(*ends, True) for ends in _cut(missing(to_check, both), n_groups, even, even)]
+    others = missing(samples, both)
+    return found + [Piece(*ends) for ends in _cut(others, n_groups, min(LEAST, largest), largest)]
 
 
 def _cut(ranges: Ranges, n_groups: int, least: int, most: int) -> Iterator[tuple[int, int]]:

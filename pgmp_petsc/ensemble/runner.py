@@ -108,8 +108,9 @@ class Integration:
                 return run_batch(model, values, piece.first, watchers, group.comm, pulse, self._divisors)
 
             def take(number: int, batch: Batch) -> None:
-                self.checkpoint.add(dealt[number], batch)
-                bar.update(0 if dealt[number].is_checked else len(batch.status))
+                for part in dealt[number].parts:
+                    self.checkpoint.add(part, batch)
+                    bar.update(0 if part.is_checked else len(batch.status))
 
             with agreed(comm, "integration of the samples"):
                 deal_to_groups(group, len(dealt), work, take)
@@ -323,7 +324,8 @@ class Watching:
 
     def of(self, piece: Piece) -> list[Watcher]:
         """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
-        if piece.is_checked:
-            return self._errors
         over_time = self._over_time[piece.first < self._n_bands]
-        return [*self._others, over_time] if over_time.is_asked else self._others
+        others = [*self._others, over_time] if over_time.is_asked else self._others
+        if piece.is_checked:
+            return [*self._errors, *others] if piece.is_both else self._errors
+        return others

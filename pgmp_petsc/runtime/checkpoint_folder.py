@@ -1,9 +1,11 @@
 """A folder of finished pieces of a run beside its result, ``<output>.partial/``.
 
-Every piece is a file of its own, written under another name, pushed to the disk and renamed, so that a run may be
-killed at any moment. The folder says which run it belongs to, and so does the seal of every piece
-(:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of another run, is named, set
-aside and computed again. The folder is removed once the result is written; one without this program's label never is.
+Every piece is a file of its own, written under another name and renamed, so that a run may be killed at any moment.
+Pushing one to the disk takes longer than writing it: that is done when some time has passed since the last, so that
+pieces that took long are pushed and a machine that fails costs few others. The folder says which run it belongs to, and
+so does the seal of every piece (:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of
+another run, is named, set aside and computed again. The folder is removed once the result is written; one without this
+program's label never is.
 
 What the same process takes up again is at hand as long as it is not much, and the file is the one that it wrote.
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -28,7 +31,7 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark, note
-from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, seal
+from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, sealed
 from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
 LABEL = "run.json"
@@ -36,6 +39,7 @@ PROGRAM = "pgmp_petsc"
 KIND = "piece"
 # what this program puts into such a folder, and removes again
 _OWN = (LABEL, "*.npz", "*.npz.damaged", ".*.partial")
+PUSHED_EVERY = 1.0  # s
 AT_HAND = 2**24  # bytes of pieces that the process which wrote them need not read
 
 Content = TypeVar("Content")
@@ -71,6 +75,7 @@ class CheckpointFolder:
         # of pieces that were put: what tells a file from any later one of the same name, and the arrays
         self._at_hand: dict[Path, tuple[tuple[int, ...], Mapping[str, np.ndarray]]] = {}
         self._room = AT_HAND
+        self._pushed = time.monotonic()
 
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
@@ -123,13 +128,16 @@ class CheckpointFolder:
         """
         target, archive = self.path / f"{name}.npz", io.BytesIO()
         np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
+        content = sealed(archive.getbuffer(), KIND, 1, self._identity)
+        is_due = time.monotonic() > self._pushed + PUSHED_EVERY
         try:
-            with replacing(target, "checkpoint") as waiting:
-                waiting.write_bytes(bytes(SIZE) + archive.getbuffer())
-                seal(waiting, KIND, 1, self._identity)
+            with replacing(target, "checkpoint", pushed=is_due) as waiting:
+                waiting.write_bytes(content)
         except RunError as error:
             raise RunError(f"{error}; what was finished before is kept, and --resume takes it up") from error
-        size = archive.getbuffer().nbytes
+        if is_due:
+            self._pushed = time.monotonic()
+        size = len(content) - SIZE
         if size <= self._room:
             self._room -= size
             with suppress(OSError):  # a file that is gone already is not found later either

@@ -11,14 +11,16 @@ Compiling takes minutes where a run takes seconds: while it goes on, the counts 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numba
-from numba.core import event, sigutils
+from numba.core import environment, event, sigutils
 from llvmlite import binding
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python
 
 from pgmp_petsc.runtime.progress import waits_for
 
@@ -83,14 +85,16 @@ class _LenientCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled function of a signature, or None.
 
-        Numba would first load all that it can compile, which takes longer than all else here together. What is compiled
-        already needs of it the allocation of arrays alone; where something is to be compiled, numba loads the rest.
+        Numba would first load all that it can compile, which takes longer than all else here together, and compile its
+        counting of references. What is compiled already has that in it, and calls the allocation of arrays alone; where
+        something is to be compiled, numba loads the rest.
         """
         if not self._open():
             return None
         try:
-            rtsys.initialize(target_context)
-            found = self._load_overload(sig, target_context)
+            _register_allocation()
+            with _bare_environments():
+                found = self._load_overload(sig, target_context)
         except Exception as error:  # a damaged pickle raises anything
             _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
             self._drop()
@@ -114,6 +118,38 @@ class _LenientCache(FunctionCache):
             self.flush()
         except OSError:
             pass  # keeping the function will fail too, and say so
+
+
+@functools.cache
+def _register_allocation() -> None:
+    """Make known where numba's allocation of arrays is, as it does when it begins to compile."""
+    for name, address in _nrt_python.c_helpers.items():
+        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@contextmanager
+def _bare_environments() -> Iterator[None]:
+    """Let no module of numba's be imported for what is loaded within the block.
+
+    Numba wants the globals of all that was compiled into a function, and imports what it compiles array functions with
+    to have them. Only code that was not compiled looks globals up, of which there is none here.
+    """
+    rebuild = environment._rebuild_env
+
+    def bare(module: str, constants: Sequence, name: str) -> environment.Environment:
+        found = environment.lookup_environment(name)
+        if found is not None or not module.startswith("numba."):
+            return rebuild(module, constants, name)
+        made = environment.Environment({"__name__": module})
+        made.consts[:], made.env_name = constants, name
+        environment.Environment._memo[name] = made
+        return made
+
+    environment._rebuild_env = bare
+    try:
+        yield
+    finally:
+        environment._rebuild_env = rebuild
 
 
 class _NamesAlone(CompileResultCacheImpl):

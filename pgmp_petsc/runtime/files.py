@@ -124,10 +124,10 @@ def _toml(value: object) -> str:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str], what: str = "output file") -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
     """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
 
-    It is pushed to the disk before that. To be called by one process only.
+    To be called by one process only.
 
     Parameters
     ----------
@@ -135,6 +135,8 @@ def replacing(path: str | os.PathLike[str], what: str = "output file") -> Iterat
         The file to be replaced.
     what
         What it is, for the message.
+    pushed
+        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
 
     Raises
     ------
@@ -145,9 +147,11 @@ def replacing(path: str | os.PathLike[str], what: str = "output file") -> Iterat
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         yield partial
-        synchronise_file(partial)
+        if pushed:
+            synchronise_file(partial)
         os.replace(partial, path)
-        synchronise_directory(path.parent)
+        if pushed:
+            synchronise_directory(path.parent)
     except OSError as error:
         raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
     finally:

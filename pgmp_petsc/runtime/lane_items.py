@@ -20,7 +20,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES, blend, exceeding, vector
 from pgmp_petsc.runtime.compiled import njit
@@ -57,6 +56,8 @@ def items(typing, array, width):
     result = types.Array(of, array.ndim - 1, "C", aligned=alone)
 
     def build(context, builder, sig, args):
+        from numba.np.arrayobj import populate_array  # a noticeable time, and what is compiled has no use for it
+
         source = context.make_array(array)(context, builder, args[0])
         made = context.make_array(result)(context, builder)
         shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))

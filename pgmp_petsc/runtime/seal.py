@@ -97,6 +97,14 @@ def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
         os.fsync(stream.fileno())
 
 
+def sealed(content: bytes | memoryview, kind: str, format_version: int, run: str = "") -> bytes:
+    """Return content with its seal ahead of it: a whole file."""
+    unsigned = Seal(kind, format_version, run, SIZE + len(content))
+    digest = hashlib.sha256(unsigned.packed())
+    digest.update(content)
+    return b"".join((replace(unsigned, sha256=digest.hexdigest()).packed(), content))
+
+
 def seal_of(path: Path) -> Seal:
     """Return what the seal of a file says, without checking the rest of it.
 

@@ -15,7 +15,7 @@ import pytest
 from pgmp_petsc.ensemble.batch import Batch, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
-from pgmp_petsc.runtime import checkpoint_folder
+from pgmp_petsc.runtime import checkpoint_folder, files
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.seal import SIZE as SEAL
 
@@ -281,6 +281,20 @@ def test_what_a_process_has_just_written_it_need_not_read(plan: Plan, monkeypatc
         list(checkpoint.batches())
     with pytest.raises(ValueError, match="read-only"):
         next(checkpoint.batches()).outputs["angle"][0] = 1.0
+
+
+def test_pieces_are_pushed_to_the_disk_now_and_then(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A piece that took long always is; the time between two is not the machine's."""
+    clock, pushed = [0.0], []
+    monkeypatch.setattr(checkpoint_folder.time, "monotonic", lambda: clock[0])
+    checkpoint = started(plan)
+    monkeypatch.setattr(files, "synchronise_file", lambda path: pushed.append((clock[0], path.name.split(".")[1])))
+    for first in range(12):
+        add(checkpoint, first, 1)
+        clock[0] += 0.4 if first < 8 else 1.5
+    pushed_at = [(round(time, 9), int(name.rpartition("_")[2])) for time, name in pushed]
+    assert pushed_at == [(1.2, 3), (2.4, 6), (4.7, 9), (6.2, 10), (7.7, 11)]
+    assert [one.first for one in taken_up(plan).batches()] == list(range(12))
 
 
 def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:

@@ -30,6 +30,36 @@ def double(x):
 """
 
 
+# a function that allocates, returns and refuses arrays, and what is loaded of numba to call it
+ARRAYS = """
+import numpy as np
+from pgmp_petsc.runtime.compiled import njit
+
+@njit(cache=True)
+def stairs(x):
+    if x.size > 4:
+        raise ValueError("too long")
+    made = np.empty((x.size, 2))
+    for i in range(x.size):
+        made[i] = x[i] + np.arange(2.0)
+    return made.T.copy()
+"""
+STAIRS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from stairs import stairs
+from pgmp_petsc.runtime.compiled import cache_problem
+for x in (np.arange(3.0), np.zeros(5)):
+    try:
+        print(stairs(x).tolist())
+    except ValueError as error:
+        print(error)
+print("numba.np.arrayobj" in sys.modules, len(stairs.stats.cache_hits))
+print(stairs(np.arange(2)).tolist(), "numba.np.arrayobj" in sys.modules, stairs(np.ones(1)).tolist(), cache_problem())
+"""
+
+
 @pytest.fixture
 def module(tmp_path: Path) -> Path:
     """Return a folder with a compiled function, and an empty one for its cache."""
@@ -65,6 +95,26 @@ def test_what_is_compiled_is_kept(module: Path) -> None:
     assert len(before) == 2
     assert printed(module) == "6 1.0 None"
     assert [path.stat().st_mtime_ns for path in files(module, "nbc")] == before
+
+
+def test_what_is_kept_is_loaded_without_what_compiles(module: Path) -> None:
+    """Arrays, errors and all; what is compiled after it in the same process is none the worse for it."""
+    (module / "source" / "stairs.py").write_text(ARRAYS)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", STAIRS, str(module / "source")]
+
+    def lines() -> list[str]:
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    first = lines()
+    (of_integers,) = (path for path in files(module, "nbc") if path.name.endswith(".2.nbc"))
+    of_integers.unlink()  # the second signature is compiled anew
+    second = lines()
+    assert first[:2] == second[:2] == ["[[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]]", "too long"]
+    assert first[2] == "True 0" and second[2] == "False 1"
+    assert first[3] == second[3] == "[[0.0, 1.0], [1.0, 2.0]] True [[1.0], [2.0]] None"
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])

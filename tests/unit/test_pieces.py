@@ -12,7 +12,8 @@ from pgmp_petsc.ensemble.pieces import LEAST, Piece, missing, pieces
 
 def numbers(found: list[Piece], is_checked: bool) -> list[int]:
     """Return the samples of all pieces of a kind, in order."""
-    return sorted(k for piece in found if piece.is_checked == is_checked for k in range(piece.first, piece.last))
+    parts = [part for piece in found for part in piece.parts]
+    return sorted(k for part in parts if part.is_checked == is_checked for k in range(part.first, part.last))
 
 
 @pytest.mark.parametrize("n_groups", [1, 2, 3, 64, 5000])
@@ -33,7 +34,17 @@ def test_pieces_are_large_at_first_and_small_at_last() -> None:
     assert sizes[0] == 512 and sizes == sorted(sizes, reverse=True)
     assert all(size % LANES == 0 for size in sizes[:-1]) and sizes[-2] == LEAST
     of_many_ranks = pieces([(0, 10_000)], [], 64, 512)
-    assert len(of_many_ranks) > 3 * 64 and max(piece.last - piece.first for piece in of_many_ranks) < 60
+    assert len(of_many_ranks) > 3 * 64
+    half = 10_000 / 64 / 2
+    assert max(piece.last - piece.first for piece in of_many_ranks) < half + LANES, "of what a rank gets"
+
+
+def test_samples_whose_errors_are_estimated_are_integrated_once() -> None:
+    """Unless they are there already."""
+    both, alone, *others = pieces([(8, 100)], [(0, 24)], 1, 512)
+    assert (both, alone) == (Piece(8, 24, True, True), Piece(0, 8, True))
+    assert both.parts == (Piece(8, 24, True), Piece(8, 24)) and alone.parts == (alone,)
+    assert (others[0].first, others[-1].last) == (24, 100)
 
 
 def test_what_is_missing() -> None:

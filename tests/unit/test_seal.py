@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, Seal, check_seal, seal, seal_of
+from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, Seal, check_seal, seal, seal_of, sealed
 
 CONTENT = bytes(range(256)) * 3
 
@@ -27,6 +27,12 @@ def test_a_seal_says_what_it_was_given(path: Path) -> None:
     assert (found.kind, found.format, found.run, found.bytes) == ("rom", 2, "a run", SIZE + len(CONTENT))
     assert seal_of(path) == found
     assert path.read_bytes()[SIZE:] == CONTENT and path.read_bytes().startswith(b"pgmp_petsc\n{")
+
+
+def test_content_in_memory_gets_the_same_seal(path: Path) -> None:
+    seal(path, "rom", 3, "run")
+    whole = path.read_bytes()
+    assert sealed(memoryview(whole)[SIZE:], "rom", 3, "run") == whole
 
 
 def test_every_flipped_bit_is_noticed(path: Path) -> None:
