@@ -247,7 +247,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             outputs = model.observed_of(history.q, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
-        looked = {"watched": watched, "validity": validity, "started": start_remarks(system)}
+        looked = {"watched": watched, "validity": validity, "system": system, "started": start_remarks(system)}
         return replace(part, recorded={**part.recorded, **looked})
 
     part, steps = _furthest(once, model.scene.simulation)
@@ -275,7 +275,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
-         *jump_remarks(model, balance.strain), *remarks_of(model.scene, found)),
+         *jump_remarks(model, part.recorded["system"], balance.strain), *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],

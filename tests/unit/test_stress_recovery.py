@@ -263,7 +263,7 @@ def test_outermost_fibres_of_beams_in_space_are_those_of_all_their_fibres(shape:
     axial, about_2, about_3 = strains[0, 0], strains[0, 4], strains[0, 5]
     every = modulus * (axial + np.outer(fibres[:, 1], about_2) - np.outer(fibres[:, 0], about_3))
     for quantity, expected in (("stress_max", every.max(axis=0)), ("stress_min", every.min(axis=0))):
-        found = law.values(quantity, points, strains, {})[0]
+        found = law.values([quantity], points, strains, {})[quantity][0]
         np.testing.assert_allclose(found, expected, rtol=1e-7, err_msg=quantity)
 
 
@@ -288,8 +288,7 @@ def test_a_column_is_the_same_to_the_last_bit_whatever_stands_beside_it(kind: st
         for size in (1, 2, 3, 7, 16):
             parts = [strains(motion[..., k : k + size]) for k in range(0, n, size)]
             np.testing.assert_array_equal(np.concatenate(parts, axis=-1), whole)
-            for quantity in quantities:
-                values = [law.values(quantity, points, part, {}) for part in parts]
-                np.testing.assert_array_equal(
-                    np.concatenate(values, axis=-1), law.values(quantity, points, whole, {}), err_msg=quantity
-                )
+            of_parts = [law.values(quantities, points, part, {}) for part in parts]
+            for quantity, expected in law.values(quantities, points, whole, {}).items():
+                found = np.concatenate([values[quantity] for values in of_parts], axis=-1)
+                np.testing.assert_array_equal(found, expected, err_msg=quantity)
