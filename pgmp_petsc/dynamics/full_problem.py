@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble_mass
+from pgmp_petsc.bodies.matrices import MassesOnDemand
 from pgmp_petsc.dynamics.batched_ldl import analyse
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads
@@ -248,7 +248,7 @@ class FullEquations:
 
     def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
         """Return the load terms; a couple that is constant in body frames is none in space."""
-        matrices = assemble_mass(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
+        matrices = MassesOnDemand(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
         return [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
 
     def _entries_of(

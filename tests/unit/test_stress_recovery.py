@@ -165,7 +165,7 @@ def test_strains_of_beams_in_space_have_the_elements_energy() -> None:
         u = np.concatenate([frames[one, :, 0], frames[other, :, 0]])
         energy = stretch(u, lengths[e], body.axes[e], resists[e], work)
         np.testing.assert_allclose(0.5 * lengths[e] * resists[e] @ strains[e, :6] ** 2, energy, rtol=1e-12)
-    forces = points.forces(strains[..., None], {})[..., 0]
+    forces = points.forces(strains[..., None], points.stiffnesses({}))[..., 0]
     np.testing.assert_allclose(forces, strains[:, :6] * resists, rtol=1e-14)
 
 
@@ -215,7 +215,8 @@ def test_a_cantilever_has_the_forces_and_moments_of_statics_at_every_section(spa
         cells = body.mesh.cells[points.elements]
         ends = body.mesh.nodes[cells][..., 0]
         x = ends[:, 0] + points.along * (ends[:, 1] - ends[:, 0])
-        found = points.forces(points.of_displacements(u.reshape(body.n_nodes, per_node, 1)), {})[..., 0]
+        strains = points.of_displacements(u.reshape(body.n_nodes, per_node, 1))
+        found = points.forces(strains, points.stiffnesses({}))[..., 0]
         for values, arm in zip(found, length - x):
             if space:
                 turned = moment + np.cross([arm, 0.0, 0.0], force)
