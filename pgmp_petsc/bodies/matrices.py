@@ -38,7 +38,7 @@ class AffineMatrices:
 
 @dataclass(frozen=True, eq=False)
 class MassesOnDemand:
-    """`AffineMatrices` without stiffness whose masses are assembled when somebody asks: of all loads only weights do."""
+    """`AffineMatrices` without stiffness, whose masses are assembled when asked for: of all loads only weights do."""
 
     bodies: Sequence[Body]
     rows: range
