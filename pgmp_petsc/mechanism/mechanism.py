@@ -112,12 +112,12 @@ class Mechanism:
         """What the mechanism moves in."""
         return space_of(self.scene.dimension)
 
-    @property
+    @cached_property
     def n_nodes(self) -> int:
         """Number of nodes of all bodies."""
         return sum(body.n_nodes for body in self.bodies)
 
-    @property
+    @cached_property
     def n_dofs(self) -> int:
         """Number of unknowns."""
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
