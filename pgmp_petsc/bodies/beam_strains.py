@@ -102,17 +102,16 @@ class BeamStrains:
         own = middles[self.elements]
         return np.concatenate([continued.reshape(-1, n_forces, n), own[:, n_forces:], own[:, 1:n_forces]], axis=1)
 
-    def forces(self, found: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def forces(self, found: np.ndarray, resists: np.ndarray) -> np.ndarray:
         """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
 
         Parameters
         ----------
         found
             Strains, shape (n_points, n_strains, n).
-        values
-            Parameter values, numbers or of shape (n,).
+        resists
+            `stiffnesses` of the points.
         """
-        resists = self.stiffnesses(values)
         n = resists.shape[1]
         resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]
@@ -163,20 +162,18 @@ class BeamStrains:
 
 def _continuation(mesh: LineMesh, elements: np.ndarray, along: np.ndarray, held: Collection[int]) -> sp.csr_matrix:
     """Return what continues values in the middles of elements to points, shape (n_points, n_elements)."""
-    before, after = _neighbours(mesh, held)
-    found = sp.lil_matrix((elements.size, mesh.n_cells))
-    for point, (own, place) in enumerate(zip(elements, along)):
-        away = {own: 0.0}
-        for other, sign in ((before[own], -0.5), (after[own], 0.5)):
-            if other >= 0:
-                away[other] = sign * (mesh.lengths[own] + mesh.lengths[other])
-        low, high = min(away, key=away.__getitem__), max(away, key=away.__getitem__)
-        found[point, own] += 1.0
-        if low != high:
-            slope = (place - 0.5) * mesh.lengths[own] / (away[high] - away[low])
-            found[point, high] += slope
-            found[point, low] -= slope
-    return found.tocsr()
+    before, after = (others[elements] for others in _neighbours(mesh, held))
+    # from the middle of the element before to that of the one after, or its own where there is none
+    low, high = np.where(before >= 0, before, elements), np.where(after >= 0, after, elements)
+    own, apart = mesh.lengths[elements], low != high
+    behind = np.where(before >= 0, 0.5 * (own + mesh.lengths[low]), 0.0)
+    ahead = np.where(after >= 0, 0.5 * (own + mesh.lengths[high]), 0.0)
+    slope = np.where(apart, (along - 0.5) * own / np.where(apart, behind + ahead, 1.0), 0.0)
+    points, entries = np.arange(elements.size), (np.ones(elements.size), slope, -slope)
+    places = np.tile(points, 3), np.concatenate([elements, high, low])
+    found = sp.csr_matrix((np.concatenate(entries), places), shape=(elements.size, mesh.n_cells))
+    found.eliminate_zeros()
+    return found
 
 
 def _neighbours(mesh: LineMesh, held: Collection[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -316,7 +317,7 @@ class Body:
         """Global node numbers of the elements, shape (n_elements, 2)."""
         return self.mesh.cells + self.first_node
 
-    @property
+    @cached_property
     def directions(self) -> np.ndarray:
         """Directions of the elements of a mesh in the plane, shape (n_elements,), rad."""
         edges = np.diff(self.mesh.nodes[self.mesh.cells], axis=1)[:, 0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,6 +36,19 @@ class AffineMatrices:
     stiffness: dict[Monomial, sp.csr_matrix]
 
 
+@dataclass(frozen=True, eq=False)
+class MassesOnDemand:
+    """`AffineMatrices` without stiffness, whose masses are assembled when asked for: of all loads only weights do."""
+
+    bodies: Sequence[Body]
+    rows: range
+
+    @cached_property
+    def mass(self) -> dict[Monomial, sp.csr_matrix]:
+        """As of `AffineMatrices`."""
+        return mass_of_bodies(self.bodies, self.rows)
+
+
 def weighted_sum(terms: Mapping[Monomial, sp.csr_matrix], values: Mapping[str, float]) -> sp.csr_matrix:
     """Return ``sum_i w_i A_i`` on the common pattern (SciPy's own sum would drop stored zeros)."""
     first = next(iter(terms.values()))
@@ -53,14 +67,14 @@ def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     """Assemble the given rows of all affine terms of all bodies, in body frames."""
     return AffineMatrices(
         rows,
-        mass=_assemble_terms(bodies, rows, Body.mass_entries, "mass"),
+        mass=mass_of_bodies(bodies, rows),
         stiffness=_assemble_terms(bodies, rows, Body.stiffness_entries, "stiffness"),
     )
 
 
-def assemble_mass(bodies: Sequence[Body], rows: range) -> AffineMatrices:
-    """Assemble the given rows of the masses alone."""
-    return AffineMatrices(rows, mass=_assemble_terms(bodies, rows, Body.mass_entries, "mass"), stiffness={})
+def mass_of_bodies(bodies: Sequence[Body], rows: range) -> dict[Monomial, sp.csr_matrix]:
+    """Assemble the given rows of all affine terms of the mass."""
+    return _assemble_terms(bodies, rows, Body.mass_entries, "mass")
 
 
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble_mass
+from pgmp_petsc.bodies.matrices import MassesOnDemand
 from pgmp_petsc.dynamics.batched_ldl import analyse
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads
@@ -122,7 +122,7 @@ class FullEquations:
         mechanism = kinematics.mechanism
         unknowns = self.unknowns = Unknowns(mechanism)
         self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
-        self.constraints = ConstraintSet(unknowns).independent(self.start()[0])
+        self.constraints = ConstraintSet(unknowns).independent(self._place(initial[0])[1])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
@@ -180,11 +180,16 @@ class FullEquations:
 
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
+        poses, q = self._place(theta)
+        pushed = self._kinematics.rates(poses)[..., 0]
         if self.unknowns.dimension == 2:
-            return self._kinematics.undeformed(theta, rates)
+            return q, self._kinematics.mechanism.place_rates(poses[..., 0], pushed) @ rates
+        return q, self.unknowns.place(pushed @ rates)
+
+    def _place(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses (n_bodies, n_pose, 1) and unknowns (n_dofs,) of the undeformed mechanism."""
         poses = self._kinematics.poses(theta)
-        turning = self._kinematics.rates(poses)[..., 0] @ rates
-        return self.unknowns.place(poses[..., 0]), self.unknowns.place(turning)
+        return poses, self.unknowns.place(poses[..., 0])
 
     def turns(self, theta: np.ndarray) -> np.ndarray:
         """Return the angles that turns are counted from, those of coordinates (n_theta, n) and zero for others, rad,
@@ -248,7 +253,7 @@ class FullEquations:
 
     def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
         """Return the load terms; a couple that is constant in body frames is none in space."""
-        matrices = assemble_mass(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
+        matrices = MassesOnDemand(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
         return [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
 
     def _entries_of(

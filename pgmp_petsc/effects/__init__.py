@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.bushing import bushing
 from pgmp_petsc.effects.effect import Effect
@@ -60,7 +60,7 @@ def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:
     return {numbers[motion.coordinate]: motion for motion in sorted(motions, key=lambda m: numbers[m.coordinate])}
 
 
-def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load, ...]:
+def loads_of(effects: Sequence[Effect], matrices: AffineMatrices | MassesOnDemand) -> tuple[Load, ...]:
     """Return the load terms of all effects, effect after effect."""
     return tuple(load for effect in effects for load in effect.loads(matrices))
 

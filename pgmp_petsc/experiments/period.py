@@ -18,7 +18,7 @@ from scipy.linalg import block_diag, eigh, null_space
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.linear_fields import rigid_motions
-from pgmp_petsc.bodies.matrices import assemble_mass
+from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.experiments.history import AnyModel
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -101,7 +101,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
         stiffnesses.append(stiffness)
     motion = np.hstack(moved)
     # what is not in floating frames: rigid bodies, and masses at frames
-    others = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+    others = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     mass = block_diag(*masses) + sum(
         float(weight.evaluate(nominal)) * (motion.T @ (matrix @ motion)) for weight, matrix in others.items()
     )

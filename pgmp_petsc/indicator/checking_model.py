@@ -52,7 +52,9 @@ class CheckingModel:
         self.full = ComponentModel(scene, shapes, model.kinematics)
         mechanism = self.full.kinematics.mechanism
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
-        rom = _in_floating_frames(model.rom, model.kinematics.mechanism, mechanism)
+        rom = model.rom
+        if any(body.floating is not None for body in mechanism.bodies):
+            rom = _in_floating_frames(rom, model.kinematics.mechanism, mechanism)
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 

@@ -156,12 +156,14 @@ class WatchedRun:
     def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
         """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
         places, samples, middles = [], [], []
-        for place in np.flatnonzero(numbers % LOOK == 0):
-            theta, speed = motion[place, :2, :, : self._r]
+        looks = np.flatnonzero(numbers % LOOK == 0)
+        there = motion[looks, 0, :, : self._r]
+        # those of the middle of the turn that lies ahead
+        ahead = there + 0.5 * np.copysign(HOLD, motion[looks, 1, :, : self._r])
+        for place, theta, middle in zip(looks, there, ahead):
             turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
             if turned.size:
-                # those of the middle of the turn that lies ahead
-                self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
+                self._middles[turned] = middle[turned]
                 places.append(np.full(turned.size, place + 1))
                 samples.append(turned)
                 middles.append(self._middles[turned])

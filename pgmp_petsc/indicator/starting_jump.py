@@ -33,7 +33,7 @@ LARGE = 0.5  # share of the largest deformation from which on a run is about its
 CURED = 0.25  # share of the swing that a start from static deformation may leave
 
 
-def jump_remarks(model: ReducedModel, strain: np.ndarray) -> tuple[Remark, ...]:
+def jump_remarks(model: ReducedModel, system: ReducedSystem, strain: np.ndarray) -> tuple[Remark, ...]:
     """Return that most of the deformation of a run is the swing that its start sets off, and the cure.
 
     A warning where a start from static deformation cures it: then the mechanism is held or driven from the start, and
@@ -41,7 +41,7 @@ def jump_remarks(model: ReducedModel, strain: np.ndarray) -> tuple[Remark, ...]:
 
     Parameters
     ----------
-    model
+    model, system
         Of the run.
     strain
         Strain energy over the run, shape (n_t,), J.
@@ -49,7 +49,6 @@ def jump_remarks(model: ReducedModel, strain: np.ndarray) -> tuple[Remark, ...]:
     largest = float(np.max(strain, initial=0.0))
     if model.scene.initial.equilibrium or not largest > 0.0:
         return ()
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
     state = system.start()
     swing = _quasi_static(model, system, state)
     energy = _strain_energy(system, state, swing)

@@ -152,7 +152,10 @@ class ConstraintSet:
             else:
                 motions[row] = number - first_driven
             parts.append(self._statements[number if number < n_joints else n_joints + number - first_driven])
-        rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
+        if own.size == n_joints and not self.n_driven:
+            rows = self._joints
+        else:
+            rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
         return ChosenRows(rows, own, wanted, motions, self.of_directors[chosen][own])
 
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:

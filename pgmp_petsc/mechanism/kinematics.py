@@ -210,18 +210,6 @@ class RigidKinematics:
         """
         return self._closure.curvatures(poses, rates)
 
-    def undeformed(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the nodal unknowns and their rates, shape (n_dofs,), of the undeformed mechanism in motion.
-
-        Parameters
-        ----------
-        theta, rates
-            The coordinates (rad) and their rates (rad/s), each of shape (n_theta,).
-        """
-        poses = self.poses(theta)
-        pushed = self.mechanism.place_rates(poses[..., 0], self.rates(poses)[..., 0])
-        return self.mechanism.place(poses)[:, 0], pushed @ rates
-
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:
         """Return the frame of one node of the rigid mechanism, shape (3, n), at theta of shape (n, n_theta)."""
         body, point = self.mechanism.body_of(node)

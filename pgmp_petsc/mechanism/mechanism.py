@@ -96,8 +96,8 @@ class Mechanism:
         In the order of the scene.
     first_guess
         Poses near which the mechanism is assembled, shape (n_bodies, 3).
-    scene
-        The scene that it was made from.
+    scene, shapes
+        The scene and the shapes of its bodies that it was made from.
     """
 
     bodies: tuple[Body, ...]
@@ -105,18 +105,19 @@ class Mechanism:
     coordinates: tuple[Coordinate, ...]
     first_guess: np.ndarray
     scene: Scene
+    shapes: Mapping[str, BodyShape]
 
     @property
     def space(self) -> Space:
         """What the mechanism moves in."""
         return space_of(self.scene.dimension)
 
-    @property
+    @cached_property
     def n_nodes(self) -> int:
         """Number of nodes of all bodies."""
         return sum(body.n_nodes for body in self.bodies)
 
-    @property
+    @cached_property
     def n_dofs(self) -> int:
         """Number of unknowns."""
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
@@ -226,8 +227,14 @@ class Mechanism:
                 on_mesh(body, result)[:] = _point_rates(pose, rate, body.meshed.solid.mesh.nodes)
         return result
 
+    def made_of(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> bool:
+        """Return whether this very scene and these very shapes of bodies make the same mechanism."""
+        same = self.shapes.keys() == shapes.keys() and all(self.shapes[name] is shapes[name] for name in shapes)
+        driven = {coordinate.name for coordinate in self.coordinates if coordinate.prescribed}
+        return self.scene is scene and same and driven == _prescribed(scene)
+
     @classmethod
-    def from_scene(cls, scene: Scene, meshes: Mapping[str, BodyShape]) -> Mechanism:
+    def from_scene(cls, scene: Scene, shapes: Mapping[str, BodyShape]) -> Mechanism:
         """Number the unknowns of a scene's bodies and attach its joints.
 
         Raises
@@ -235,13 +242,18 @@ class Mechanism:
         InputError
             If a joint names a point that its body's mesh does not have.
         """
-        bodies = bodies_of(scene, meshes)
+        bodies = bodies_of(scene, shapes)
         guess = first_guess(scene, bodies)
         connections = connections_of(scene, bodies, guess)
-        prescribed = {e.coordinate for e in scene.effects.values() if isinstance(e, PrescribedMotion)}
+        prescribed = _prescribed(scene)
         by_name = {connection.name: connection for connection in connections}
         coordinates = tuple(
             Coordinate(name, by_name[entry.joint], *entry.range, entry.periodic, name in prescribed)
             for name, entry in scene.coordinates.items()
         )
-        return cls(bodies, connections, coordinates, guess, scene)
+        return cls(bodies, connections, coordinates, guess, scene, shapes)
+
+
+def _prescribed(scene: Scene) -> set[str]:
+    """Return the coordinates that follow given motions."""
+    return {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}

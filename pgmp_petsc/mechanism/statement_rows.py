@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -115,8 +116,9 @@ class StatementRows:
         """Return all first or second derivatives, zeros included, row by row."""
         ones = np.ones((self.n, *q.shape[1:]))
         size = self.dofs.size * (1 if what == SLOPES else self.dofs.shape[1])
-        return self._evaluated(what, size, q, ones, rows=self._all())
+        return self._evaluated(what, size, q, ones, rows=self._all)
 
+    @cached_property
     def _all(self) -> Rows:
         """Return the rows with every derivative on their patterns, none of them known beforehand."""
         width = self.dofs.shape[1]
@@ -144,7 +146,7 @@ class StatementRows:
         rows, i, j = np.array(np.nonzero(curved & lower))
         self.curvature_pattern = self.dofs[rows, i], self.dofs[rows, j]
         # linear rows are their value at zero and their slopes there
-        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all()).ravel()
+        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all).ravel()
         self.compiled = Rows(
             self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), constants, entries,
             self.gradients(at_zero)[..., 0][first], (_starts(rows, self.n), i, j),

@@ -7,6 +7,7 @@ Whatever meshio reads is accepted. A point is named by a physical group of dimen
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,7 @@ class LineMesh:
         """Number of cells."""
         return len(self.cells)
 
-    @property
+    @cached_property
     def lengths(self) -> np.ndarray:
         """Length of each cell (m), shape (n_cells,)."""
         return np.linalg.norm(np.diff(self.nodes[self.cells], axis=1)[:, 0], axis=1)

@@ -53,8 +53,10 @@ class FullModel:
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
         self.meshes = meshes
-        mechanism = Mechanism.from_scene(scene, meshes)
-        self.kinematics = RigidKinematics(mechanism) if kinematics is None else kinematics.of_bodies(mechanism)
+        if kinematics is None or not kinematics.mechanism.made_of(scene, meshes):
+            mechanism = Mechanism.from_scene(scene, meshes)
+            kinematics = RigidKinematics(mechanism) if kinematics is None else kinematics.of_bodies(mechanism)
+        self.kinematics, mechanism = kinematics, kinematics.mechanism
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])

@@ -26,7 +26,6 @@ from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput, Values
-from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 
@@ -114,11 +113,7 @@ class Amplitudes:
 
     def __init__(self, rom: ReducedOrderModel, body: Body, scheme: str) -> None:
         self.curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
-        shapes = [rom.projection[:, body.dofs]]
-        if self.curved:
-            shapes.append(rom.curvature[:, body.dofs])
-        table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
-        self._shapes = interpolant(rom.tables.samples, table, scheme)
+        self._shapes = rom.displacements(scheme, body.dofs)
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return them, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""

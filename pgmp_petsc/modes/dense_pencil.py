@@ -12,6 +12,8 @@ of the identity.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh, eigh_tridiagonal, lapack
@@ -40,6 +42,7 @@ class DensePencil:
         self.shift = 0.0
         self._null = NullSpaces(sp.csr_matrix((0, len(self._mass)))).of(np.zeros(0))
         self._reduced = (self._stiffness, self._mass)
+        self._parts: tuple[_Parts, _Parts] | None = None
         self._factor: np.ndarray | None = None
 
     def close(self) -> None:
@@ -51,7 +54,7 @@ class DensePencil:
 
     def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
         """Take another stiffness; it holds from the next `move_to` on."""
-        self._stiffness = stiffness.toarray()
+        self._stiffness, self._parts = stiffness.toarray(), None
 
     def shift_to(self, shift: float, prefix: str) -> None:  # noqa: ARG002  (no options reach LAPACK)
         """Solve with another shift."""
@@ -59,14 +62,15 @@ class DensePencil:
 
     def move_to(self, null: NullSpace) -> None:
         """Project K and M."""
+        # from one angle to the next mostly the same unknowns stay
+        known = self._parts is not None and all(
+            np.array_equal(getattr(null, which), getattr(self._null, which)) for which in ("independent", "dependent")
+        )
         self._null, self._factor = null, None
-        stays, goes, weights = null.independent, null.dependent, null.weights
-        reduced = []
-        for matrix in (self._stiffness, self._mass):
-            half = matrix[stays] + weights.T @ matrix[goes]
-            # symmetric: the transpose is in LAPACK's order
-            reduced.append((half[:, stays] + half[:, goes] @ weights).T)
-        self._reduced = tuple(reduced)
+        if not known:
+            stays, goes = null.independent, null.dependent
+            self._parts = tuple(_Parts.of(matrix, stays, goes) for matrix in (self._stiffness, self._mass))
+        self._reduced = tuple(part.reduced(null.weights) for part in self._parts)
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -150,6 +154,26 @@ class DensePencil:
     def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
         """Return K times columns (n_dofs, k)."""
         return self._stiffness @ vectors
+
+
+class _Parts(NamedTuple):
+    """Blocks of a symmetric matrix: of unknowns that stay, of those that go with them, and of those that go."""
+
+    staying: np.ndarray
+    mixed: np.ndarray
+    going: np.ndarray
+
+    @classmethod
+    def of(cls, matrix: np.ndarray, stays: np.ndarray, goes: np.ndarray) -> _Parts:
+        """Take the blocks of unknowns, given by their numbers."""
+        return cls(matrix[np.ix_(stays, stays)], matrix[np.ix_(goes, stays)], matrix[np.ix_(goes, goes)])
+
+    def reduced(self, weights: np.ndarray) -> np.ndarray:
+        """Return ``N^T A N`` where the unknowns that go are `weights` times those that stay, in LAPACK's order."""
+        half = weights.T @ (self.mixed + 0.5 * (self.going @ weights))
+        found = self.staying + half
+        found += half.T
+        return found.T  # symmetric
 
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ map of the coordinates that a body is condensed to. From there on all is the sam
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,17 +49,22 @@ class SolidLaw:
     materials: tuple[tuple[Quantity, Lame], ...]
     profile: Profile = Profile()
 
-    def values(self, quantity: str, points: SolidStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
-        """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
+    def values(
+        self, quantities: Iterable[str], points: SolidStrains, strains: np.ndarray, parameters: Values
+    ) -> dict[str, np.ndarray]:
+        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
         stresses = np.empty_like(strains)
         for number, (modulus, lame) in enumerate(self.materials):
             own = points.material == number
             stresses[own] = hooke(strains[own], lame) * modulus.at(parameters)
         if self.profile:
             stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
-        if quantity == "von_mises":
-            return von_mises(stresses)
-        return principal(stresses, quantity == "principal_max")
+        return {
+            quantity: von_mises(stresses)
+            if quantity == "von_mises"
+            else principal(stresses, quantity == "principal_max")
+            for quantity in quantities
+        }
 
     def size(self, quantity: str, body: Body | SolidMesh, nominal: Mapping[str, float]) -> float:
         """Return the quantity for a strain of 1, at nominal parameters."""
@@ -84,13 +89,27 @@ class BeamLaw:
     reach: tuple[Quantity, Quantity] | None
     round: bool
 
-    def values(self, quantity: str, points: BeamStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
-        """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
-        forces = points.forces(strains, parameters)
-        if quantity not in OF_FIBRES:
-            return forces[:, _number_of(quantity, points.body)]
+    def values(
+        self, quantities: Iterable[str], points: BeamStrains, strains: np.ndarray, parameters: Values
+    ) -> dict[str, np.ndarray]:
+        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
+        resists = points.stiffnesses(parameters)
+        forces = points.forces(strains, resists)
+        found, fibres = {}, None
+        for quantity in quantities:
+            if quantity not in OF_FIBRES:
+                found[quantity] = forces[:, _number_of(quantity, points.body)]
+                continue
+            if fibres is None:
+                # moments at the points: other strains than came
+                fibres = self._of_fibres(points, forces / resists, parameters)
+            found[quantity] = outermost(*fibres, quantity == "stress_max")
+        return found
+
+    def _of_fibres(self, points: BeamStrains, bent: np.ndarray, parameters: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stress of the axial force and the largest one of bending, each of shape (n_points, n), for strains
+        of the points (n_points, n_strains, n)."""
         young = self.modulus.at(parameters) * points.body.profiles.modulus.at(parameters, points.of_cells)
-        bent = forces / points.stiffnesses(parameters)  # strains again, moments at the points
         along_2, along_3 = (reach.at(parameters) for reach in self.reach)
         if not points.in_space:
             bending = np.abs(bent[:, 2]) * along_2
@@ -98,7 +117,7 @@ class BeamLaw:
             bending = np.hypot(bent[:, 4], bent[:, 5]) * along_2
         else:
             bending = np.abs(bent[:, 5]) * along_2 + np.abs(bent[:, 4]) * along_3
-        return outermost(young * bent[:, 0], young * bending, quantity == "stress_max")
+        return young * bent[:, 0], young * bending
 
     def size(self, quantity: str, body: Body | SolidMesh, nominal: Mapping[str, float]) -> float:
         """Return the quantity for a strain of 1, or a curvature of 1 over the body's length, at nominal parameters."""
@@ -151,7 +170,7 @@ class StressOutput:
         either sign may be equal, and an output that jumped from one to the other would have no error to speak of.
         Parameter values are numbers, or of shape (n,).
         """
-        values = self.law.values(self.entry.quantity, self.points, strains, parameters)
+        values = self.law.values([self.entry.quantity], self.points, strains, parameters)[self.entry.quantity]
         if self.entry.quantity in EXTREMES:
             return EXTREMES[self.entry.quantity](values)
         return LARGEST(np.abs(values)) if self.entry.at is None else FURTHEST(values)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.matrices import assemble, assemble_mass, owned_rows
+from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.third_derivative import is_known_of
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
@@ -171,7 +171,7 @@ def _built(
         return None
     tables, mass = basis.tables, matrices.mass
     if group.comm.size > 1:
-        mass = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+        mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
     if scene.second_order:
         changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)

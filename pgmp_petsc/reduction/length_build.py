@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.matrices import assemble_mass, weighted_sum
+from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -155,7 +155,7 @@ class _Gauge:
     @classmethod
     def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:
         mechanism = Mechanism.from_scene(scene, model.meshes)
-        masses = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
         return cls(model, weighted_sum(masses, scene.nominal))
 
     def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
@@ -183,7 +183,7 @@ class _Gauge:
         if curvature is not None:
             curvature = curvature @ pair_rotations(rotations)
             kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
-            masses = assemble_mass(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
+            masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
             scheme = scene.reduction.interpolation
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme)
             tables = replace(tables, changes=changes)

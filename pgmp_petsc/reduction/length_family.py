@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.matrices import assemble_mass
+from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.length_grid import LengthGrid
@@ -97,7 +97,7 @@ class LengthFamily:
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
-        masses = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
         tables = self._blended_tables(scene)
         return replace(
             nominal,

@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_changes, pair_products
 from pgmp_petsc.runtime.compiled import njit
@@ -56,12 +56,7 @@ class Reconstruction:
         if internal:
             mechanism = kinematics.mechanism
             rows = np.append(rows, np.arange(per_node * mechanism.n_nodes, mechanism.n_dofs))
-        self._curved = rom.curvature is not None
-        shapes = [rom.projection[:, rows]]
-        if self._curved:
-            shapes.append(rom.curvature[:, rows])
-        table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
-        self._shapes = interpolant(rom.tables.samples, table, scheme)
+        self._curved, self._shapes = rom.curvature is not None, rom.displacements(scheme, rows)
         bodies = kinematics.mechanism.bodies
         self._bodies = np.repeat(np.arange(len(bodies)), [body.n_nodes for body in bodies])[self._nodes]
         self._points = np.concatenate([body.mesh.nodes for body in bodies])[self._nodes]

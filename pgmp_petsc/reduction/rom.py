@@ -14,6 +14,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.branch_files import put_branch, take_branch
@@ -90,6 +91,7 @@ class ReducedOrderModel:
     indefinite: str = ""
     stiffness_changes: StiffnessChanges | None = None
     family: LengthFamily | None = field(default=None, repr=False)
+    _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def identity(self) -> str:
@@ -102,6 +104,21 @@ class ReducedOrderModel:
     def n_parameter(self) -> int:
         """Number of vectors from other parameter values."""
         return self.points.n_vectors
+
+    def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
+        """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
+
+        Factors are the flexible coordinates and, where the model is curved, their `pair_products`. All unknowns are
+        interpolated at once, and kept: outputs, fields and estimates of errors take each a part of them.
+        """
+        if scheme not in self._displacements:
+            shapes = [self.projection] if self.curvature is None else [self.projection, self.curvature]
+            table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
+            self._displacements[scheme] = interpolant(self.tables.samples, table, scheme)
+        whole = self._displacements[scheme]
+        if np.array_equal(dofs, np.arange(self.projection.shape[1])):
+            return whole
+        return replace(whole, rows=np.ascontiguousarray(whole.rows[..., dofs]))
 
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run; itself where none is a parameter.

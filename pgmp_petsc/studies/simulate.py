@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,7 +104,7 @@ class _Part:
     time
         Instants that were computed, shape (n_t,), s; the first one always.
     outputs
-        What the outputs are made of at these, shape (n_observed, n_t).
+        The outputs at these, by name, each of shape (n_t,).
     recorded
         What else the model keeps of them.
     """
@@ -111,7 +112,7 @@ class _Part:
     run: Run
     attempt: Attempt
     time: np.ndarray
-    outputs: np.ndarray
+    outputs: dict[str, np.ndarray]
     recorded: dict[str, Any]
 
     @classmethod
@@ -121,13 +122,15 @@ class _Part:
         done: Run,
         attempt: Attempt,
         times: Sequence[float] | np.ndarray,
-        outputs: np.ndarray,
+        observed: np.ndarray,
         **recorded: Any,
     ) -> _Part:
-        """Take in a run with its records: arrays and lists of one entry an instant, or fewer."""
+        """Take in a run with its records: arrays and lists of one entry an instant, or fewer; what the outputs are made
+        of has the shape (n_observed, n_t)."""
         time = np.array(times)
         with np.errstate(all="ignore"):
-            known = [outputs, *model.outputs.evaluate(outputs).values()]
+            outputs = model.outputs.evaluate(observed)
+        known = [observed, *outputs.values()]
         known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
         finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
         if done.status[0] != Status.FINE:
@@ -137,14 +140,16 @@ class _Part:
             done = replace(done, status=np.array([Status.NOT_FINITE]), failure_time=time[kept : kept + 1])
         kept = max(1, kept)
         recorded = {name: values[:kept] for name, values in recorded.items()}
-        return cls(done, attempt, time[:kept], outputs[..., :kept], recorded)
+        if kept < time.size:
+            outputs = model.outputs.evaluate(observed[..., :kept])
+        return cls(done, attempt, time[:kept], outputs, recorded)
 
     @property
     def reach(self) -> float:
         """Time up to which the run is fine, s; infinite where it is all of it."""
         return np.inf if self.run.status[0] == Status.FINE else float(self.run.failure_time[0])
 
-    @property
+    @cached_property
     def shown(self) -> list[int]:
         """Steps at which the whole mechanism is stored."""
         return [step for step in sorted(frame_steps(self.attempt.simulation)) if step < self.time.size]
@@ -247,7 +252,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             outputs = model.observed_of(history.q, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
-        looked = {"watched": watched, "validity": validity, "started": start_remarks(system)}
+        looked = {"watched": watched, "validity": validity, "system": system, "started": start_remarks(system)}
         return replace(part, recorded={**part.recorded, **looked})
 
     part, steps = _furthest(once, model.scene.simulation)
@@ -265,7 +270,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        errors = _errors(estimate, model.outputs.evaluate(part.outputs))
+        errors = _errors(estimate, part.outputs)
         remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene)]
         remarks += left_out_of_estimates(model)
     else:
@@ -275,7 +280,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
-         *jump_remarks(model, balance.strain), *remarks_of(model.scene, found)),
+         *jump_remarks(model, part.recorded["system"], balance.strain), *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
@@ -373,7 +378,7 @@ def _described(
             scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), (*remarks, *scene.remarks)
         ),
         "time": part.time,
-        "outputs": model.outputs.evaluate(part.outputs),
+        "outputs": part.outputs,
         "units": model.outputs.units,
         "coordinate_units": {coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
         "frames": stored if part.shown else None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes
+from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.schedule import schedules
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -229,6 +232,44 @@ def test_an_estimate_does_not_depend_on_the_steps_of_a_call(
     for name, largest in expected.largest.items():
         np.testing.assert_array_equal(found.largest[name], largest)
         np.testing.assert_array_equal(found.at_end[name], expected.at_end[name])
+
+
+def test_signs_of_modes_have_no_part_in_estimates(model: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """LAPACK's signs are its own, and other builds have others."""
+    values, rng, modes_at = draw(model.scene, SEED, 0, 3), np.random.default_rng(SEED), FlexibleModes.at
+
+    def at(self: FlexibleModes, theta: np.ndarray, weights: tuple) -> Modes:
+        found = modes_at(self, theta, weights)
+        signs = rng.choice([-1.0, 1.0], found.omega.shape)
+        turned = {"shapes": found.shapes * signs[:, None, :], "inverse": found.inverse * signs[:, :, None]}
+        return replace(found, **turned)
+
+    expected = estimated(model, values, 3).largest
+    monkeypatch.setattr(FlexibleModes, "at", at)
+    found = estimated(model, values, 3).largest
+    for name, largest in expected.items():
+        np.testing.assert_array_equal(found[name], largest, err_msg=name)
+
+
+def test_estimates_move_with_round_off_by_little(model: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other builds of LAPACK change the last digit of corrected angles; differences along the path do the rest.
+
+    Measured over 1 s: 2e-6 of the largest estimated error (docs/without_petsc.md).
+    """
+    values, rng, begin = draw(model.scene, SEED, 0, 3), np.random.default_rng(SEED), ReferenceMotion.__init__
+
+    def moved(self: ReferenceMotion, unknowns: object, states: np.ndarray, r: int, longest: np.ndarray) -> None:
+        theta = states[:, 0, :, :r]
+        states = states.copy()
+        states[:, 0, :, :r] = np.nextafter(theta, theta + rng.choice([-1.0, 0.0, 1.0], theta.shape))
+        begin(self, unknowns, states, r, longest)
+
+    expected = estimated(model, values, 3).largest
+    monkeypatch.setattr(ReferenceMotion, "__init__", moved)
+    found = estimated(model, values, 3).largest
+    for name, largest in expected.items():
+        np.testing.assert_allclose(found[name], largest, rtol=2e-5, err_msg=name)
+        assert (found[name] != largest).any(), name
 
 
 def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
