@@ -22,7 +22,7 @@ from pgmp_petsc.selection.ladder import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
+from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of, shares_shifted
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.selection.trial import Errors, Trial
 
@@ -112,9 +112,13 @@ class ReductionChoice:
             If the tolerance cannot be met.
         """
         while (found := self._cheapest_basis()) is None:
-            if not self._angles_count(best := self._best_looked_at()):
+            if self._angles_count(best := self._best_looked_at()):
+                self._refine()
+                continue
+            if not self._shift_to_basis(best):
                 self._refuse(best)
-            self._refine()
+            found = self._cheapest_basis() or best
+            break
         found = self._fewest_modes(found)
         self._explain(found)
         self._bench.remarks += self._left_out
@@ -204,6 +208,16 @@ class ReductionChoice:
         """Double the angles and begin anew."""
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
+
+    def _shift_to_basis(self, best: Rung) -> bool:
+        """Let the basis have most of what is kept for interpolation; return whether the best rung is then good enough.
+
+        What the present angles leave is in a rung's error already, and the fewest angles are sought for what remains.
+        """
+        if self._fixed_grid:
+            return False
+        self.allowed.update({part: share * self.tolerance for part, share in shares_shifted().items()})
+        return self._error(best) <= self.allowed["basis"]
 
     def _apart(self, rung: Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
         """Return how far a grid is from a finer one."""
