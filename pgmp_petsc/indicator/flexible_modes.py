@@ -4,8 +4,8 @@
 
 with the blocks of the reduced mass (8) that belong to the free rigid coordinates (t) and to the flexible coordinates
 (d), and structural damping D. Free coordinates turn with a vibration by ``-follow.delta``, ``follow = M_tt^-1 M_td``,
-and the sums ``theta + follow.delta`` do not vibrate. A prescribed coordinate p follows nothing; its acceleration acts on
-the modes with ``-drag.theta_p''``, ``drag = (M_pd - M_pt follow) Phi``.
+and the sums ``theta + follow.delta`` do not vibrate. A prescribed coordinate p follows nothing; its acceleration
+acts on the modes with ``-drag.theta_p''``, ``drag = (M_pd - M_pt follow) Phi``.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ class FlexibleModes:
         inverse = np.swapaxes(lower @ inner, 1, 2)
         drag = np.zeros_like(follow)
         for p in self._driven:
-            drag[:, p] = np.einsum("nd,ndk->nk", mass[:, p, r:] - np.einsum("nt,ntd->nd", mass[:, p, :r], follow), shapes)
+            carried = np.einsum("nt,ntd->nd", mass[:, p, :r], follow)
+            drag[:, p] = np.einsum("nd,ndk->nk", mass[:, p, r:] - carried, shapes)
         decay = np.full(squares.shape, 0.5 * self._common)
         if self._braking is not None:
             braking = np.einsum("ntij,nt->nij", self._braking(theta), weights[2])

@@ -8,9 +8,9 @@ as a free vibration (Hairer, Norsett and Wanner 1993, section II.3)::
     E_{n+1} = R E_n + (x~ - x, x~' - x')_{n+1},     R = [[C + z S, S], [-omega^2 S, C - z S]]
     C = exp(-z h) cos(omega_d h),     S = exp(-z h) sin(omega_d h) / omega_d,     omega_d^2 = omega^2 - z^2
 
-A prescribed coordinate p changes its speed by what it is told, whatever the accelerations at the steps make of it. Where
-these jump, from rest or at the end of a table, a force that is linear over the step is not what acts, and the mode
-gets the impulse of the rest,
+A prescribed coordinate p changes its speed by what it is told, whatever the accelerations at the steps make of it.
+Where these jump, from rest or at the end of a table, a force that is linear over the step is not what acts, and the
+mode gets the impulse of the rest,
 
     -drag_pk (theta_p'_{n+1} - theta_p'_n - h/2 (theta_p''_n + theta_p''_{n+1})).
 

@@ -16,8 +16,8 @@ from pgmp_petsc.experiments.price import LOCAL, LOCAL_EFFECT, duration_text
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.selection.ladder import Limits, Rung
 
-# s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for terms
-# of second order, and each of their pairs; of a step of a sample besides its tables, of a multiplication of its
+# s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for
+# terms of second order, and each of their pairs; of a step of a sample besides its tables, of a multiplication of its
 # corrections
 UNKNOWN, PAIR_OF_UNKNOWN, STEP, MULTIPLICATION = 8.0e-5, 1.0e-6, 5.0e-6, 1.0e-9
 SHARE = 0.2  # of the budget, that one candidate may take

@@ -131,7 +131,8 @@ def test_a_cheap_basis_of_many_modes_is_preferred_to_one_with_terms_of_second_or
         return 0.2 / reduction.modes**2 / (1.3 if reduction.second_order else 1.0)
 
     found = choice(Known(nearly)).run().reduction
-    assert not found.second_order and found.modes == 8, "0.2 / 8^2 is 3.1e-3, and 3.5e-3 are allowed; rungs are 7 and 10"
+    # 0.2 / 8^2 is 3.1e-3, and 3.5e-3 are allowed; rungs are 7 and 10
+    assert not found.second_order and found.modes == 8
 
 
 def test_a_basis_may_have_what_the_angles_do_not_need() -> None:
