@@ -131,16 +131,6 @@ class Rung:
     n_flexible: int
     cost: float
 
-    def with_modes(self, n: int, limits: Limits) -> Rung:
-        """Return the candidate with another number of modes."""
-        entries = self.entries | {"modes": n}
-        n_flexible = self.n_flexible + n - self.entries["modes"]
-        return Rung(entries, n_flexible, operations(n_flexible, limits.n_terms, entries["second_order"]))
-
-    def is_like(self, other: Rung) -> bool:
-        """Return whether another candidate is of the same family."""
-        return self.entries | {"modes": 0} == other.entries | {"modes": 0}
-
 
 def operations(n_flexible: int, n_terms: int, second_order: bool) -> float:
     """Return the multiplications of one correction of one sample: cubic polynomials of the tables, and factorising.

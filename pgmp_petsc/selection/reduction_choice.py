@@ -119,7 +119,6 @@ class ReductionChoice:
                 self._refuse(best)
             found = self._cheapest_basis() or best
             break
-        found = self._fewest_modes(found)
         self._explain(found)
         self._bench.remarks += self._left_out
         return self._trial(found) if self._fixed_grid else self._fewest_angles(found)
@@ -242,7 +241,7 @@ class ReductionChoice:
             return None
         for family in self._families:
             cheaper = [rung for rung in family if rung.cost < found.cost]
-            if found.is_like(family[0]) or not cheaper or self._last_resort(family):
+            if found in family or not cheaper or self._last_resort(family):
                 continue
             if self._error(cheaper[-1]) <= allowed:
                 found = self._climb(cheaper, len(cheaper) - 1)
@@ -278,24 +277,11 @@ class ReductionChoice:
         found = first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
         return None if found is None else family[found]
 
-    def _fewest_modes(self, found: Rung) -> Rung:
-        """Return the rung with the fewest modes, from one that is good enough down to what the search found not to be.
-
-        The rungs of a family are some modes apart.
-        """
-        family = next(family for family in self._families if found in family)
-        number = family.index(found)
-        if number == 0 or "modes" in self.given:
-            return found
-        fewer = range(family[number - 1].entries["modes"] + 1, found.entries["modes"])
-        rungs = [*(found.with_modes(n, self._limits) for n in fewer), found]
-        allowed = self.allowed["basis"]
-        return rungs[first_passing(len(rungs), lambda k: self._error(rungs[k]) <= allowed, len(rungs) - 1)]
-
     def _explain(self, found: Rung) -> None:
         """Say why it is this basis."""
-        fewer = [rung for rung in self._looked_at if rung.is_like(found) and rung.cost < found.cost]
-        cheaper = sorted((rung for rung in fewer if np.isfinite(self._error(rung))), key=lambda rung: rung.cost)
+        family = next(family for family in self._families if found in family)
+        fewer = family[: family.index(found)]
+        cheaper = [rung for rung in fewer if rung in self._looked_at and np.isfinite(self._error(rung))]
         reason = f"leave {self._error(found):.2g}, allowed {self.allowed['basis']:.2g}"
         if cheaper:
             reason += f"; {cheaper[-1].entries['modes']} leave {self._error(cheaper[-1]):.2g}"
