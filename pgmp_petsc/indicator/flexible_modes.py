@@ -4,7 +4,8 @@
 
 with the blocks of the reduced mass (8) that belong to the free rigid coordinates (t) and to the flexible coordinates
 (d), and structural damping D. Free coordinates turn with a vibration by ``-follow.delta``, ``follow = M_tt^-1 M_td``,
-and the sums ``theta + follow.delta`` do not vibrate. A prescribed coordinate follows nothing.
+and the sums ``theta + follow.delta`` do not vibrate. A prescribed coordinate p follows nothing; its acceleration
+acts on the modes with ``-drag.theta_p''``, ``drag = (M_pd - M_pt follow) Phi``.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class Modes:
         Circular frequencies without damping, and z, the rates at which amplitudes die away, shape (n, n_delta), 1/s.
     shapes, inverse
         Phi and ``Phi^-1 = Phi^T M~``, shape (n, n_delta, n_delta).
-    follow
-        Shape (n, n_theta, n_delta).
+    follow, drag
+        Shape (n, n_theta, n_delta); zero for prescribed and for free coordinates respectively.
     """
 
     omega: np.ndarray
@@ -42,6 +43,7 @@ class Modes:
     shapes: np.ndarray
     inverse: np.ndarray
     follow: np.ndarray
+    drag: np.ndarray
 
 
 class FlexibleModes:
@@ -67,7 +69,7 @@ class FlexibleModes:
         driven: tuple[int, ...] = (),
     ) -> None:
         self._samples, r = tables.samples, tables.n_coordinates
-        self._free = [k for k in range(r) if k not in driven]
+        self._free, self._driven = [k for k in range(r) if k not in driven], list(driven)
         self._mass = interpolant(tables.samples, tables.mass, scheme)
         self._stiffness = interpolant(tables.samples, tables.stiffness, scheme)
         self._common, self._braking, of_damping = 0.0, None, ()
@@ -102,11 +104,15 @@ class FlexibleModes:
         squares, inner = np.linalg.eigh(np.swapaxes(outer, 1, 2) @ stiffness @ outer)
         shapes = outer @ inner
         inverse = np.swapaxes(lower @ inner, 1, 2)
+        drag = np.zeros_like(follow)
+        for p in self._driven:
+            carried = np.einsum("nt,ntd->nd", mass[:, p, :r], follow)
+            drag[:, p] = np.einsum("nd,ndk->nk", mass[:, p, r:] - carried, shapes)
         decay = np.full(squares.shape, 0.5 * self._common)
         if self._braking is not None:
             braking = np.einsum("ntij,nt->nij", self._braking(theta), weights[2])
             decay += 0.5 * np.einsum("nik,nij,njk->nk", shapes, braking, shapes)
-        return Modes(np.sqrt(np.maximum(squares, 0.0)), decay, shapes, inverse, follow)
+        return Modes(np.sqrt(np.maximum(squares, 0.0)), decay, shapes, inverse, follow, drag)
 
 
 def _factors(matrices: np.ndarray) -> np.ndarray:

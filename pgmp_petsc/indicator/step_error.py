@@ -8,6 +8,12 @@ as a free vibration (Hairer, Norsett and Wanner 1993, section II.3)::
     E_{n+1} = R E_n + (x~ - x, x~' - x')_{n+1},     R = [[C + z S, S], [-omega^2 S, C - z S]]
     C = exp(-z h) cos(omega_d h),     S = exp(-z h) sin(omega_d h) / omega_d,     omega_d^2 = omega^2 - z^2
 
+A prescribed coordinate p changes its speed by what it is told, whatever the accelerations at the steps make of it.
+Where these jump, from rest or at the end of a table, a force that is linear over the step is not what acts, and the
+mode gets the impulse of the rest,
+
+    -drag_pk (theta_p'_{n+1} - theta_p'_n - h/2 (theta_p''_n + theta_p''_{n+1})).
+
 However coarse the step is for a frequency, the sum x + E is what it should be, up to the phase. The modes of a sample
 are held for a while, until it has turned a little, and then taken anew (`hold`).
 
@@ -58,8 +64,8 @@ class Held(NamedTuple):
         omega^2 and 2 z, shape (n, m).
     columns
         Inverse of the shapes by its columns, shape (n, m, m).
-    shapes, follow
-        As of `Modes`, shapes (n, m, m) and (n, r, m).
+    shapes, follow, drag
+        As of `Modes`, shapes (n, m, m), (n, r, m) and (n, r, m).
     oscillators
         Of every mode over a step, shape (n, 8, m); see `oscillators`.
     """
@@ -69,6 +75,7 @@ class Held(NamedTuple):
     columns: np.ndarray
     shapes: np.ndarray
     follow: np.ndarray
+    drag: np.ndarray
     oscillators: np.ndarray
 
     @classmethod
@@ -77,14 +84,14 @@ class Held(NamedTuple):
         omega = np.maximum(modes.omega, SOFTEST / step)
         parts = (
             omega**2, 2.0 * modes.decay, np.swapaxes(modes.inverse, 1, 2), modes.shapes, modes.follow,
-            oscillators(omega, modes.decay, step),
+            modes.drag, oscillators(omega, modes.decay, step),
         )  # fmt: skip
         return cls(*(np.ascontiguousarray(part) for part in parts))
 
     @classmethod
     def none(cls, n: int, r: int, m: int) -> Held:
         """Return the modes of samples before there are any."""
-        shapes = (n, m), (n, m), (n, m, m), (n, m, m), (n, r, m), (n, 8, m)
+        shapes = (n, m), (n, m), (n, m, m), (n, m, m), (n, r, m), (n, r, m), (n, 8, m)
         return cls(*(np.zeros(shape) for shape in shapes))
 
 
@@ -113,7 +120,7 @@ def advance(step, first, motion, past, held, turns, modal, vibration, smooth, fr
     vibration
         E, displacement and velocity, shape (n, 2, m).
     smooth
-        s and its rate, shape (2, n, r).
+        s and its rate, shape (2, n, r); of a prescribed coordinate its own at the beginning, and its speed there.
     free
         Whether each rigid coordinate is free, shape (r,).
     exact, missing
@@ -144,6 +151,10 @@ def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, 
             exact[p, b, d] = motion[p, b, d]
     for c in range(r):
         if not free[c]:
+            kick = motion[1, b, c] - smooth[1, b, c] - 0.5 * step * (past[0, b, c] + motion[2, b, c])
+            smooth[1, b, c] = motion[1, b, c]
+            for k in range(m):
+                vibration[b, 1, k] -= held.drag[b, c, k] * kick
             continue
         s[0] = motion[2, b, c]
         for p in range(N_VALUES - 1):
@@ -227,7 +238,7 @@ def _take_other(motion, b, others, number, held, now, modal, vibration, smooth):
         for d in range(m):
             held.columns[b, d, k], held.shapes[b, d, k] = others.columns[number, d, k], others.shapes[number, d, k]
         for c in range(r):
-            held.follow[b, c, k] = others.follow[number, c, k]
+            held.follow[b, c, k], held.drag[b, c, k] = others.follow[number, c, k], others.drag[number, c, k]
         for i in range(held.oscillators.shape[1]):
             held.oscillators[b, i, k] = others.oscillators[number, i, k]
     _in_modes(motion, b, r, held.columns, now)

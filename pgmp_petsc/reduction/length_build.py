@@ -40,6 +40,7 @@ Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None], "ReducedOr
 
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
+FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more angles are the likelier cure
 POOR_COSINE = 0.5  # between spaces of modes of two lengths; as between neighbouring angles
 MORE = "take more reduction.length_points, or a narrower range"
 
@@ -169,10 +170,16 @@ class _Gauge:
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
             lengths = _words({name: scene.values[name] for name in length_names(scene)})
+            cosine = min(member.cosines.min(), self.model.cosines.min())
+            few = "the angles are too few to follow the modes from one to the next"
+            crossed = "modes cross between these lengths"
+            more, other = "more reduction.angles", "another number of reduction.modes"
+            causes = (few, crossed, more, other) if cosine < FOLLOWED else (crossed, few, other, more)
             raise RunError(
-                f"at {lengths}: {own.shape[2]} vectors over {len(own)} configurations, "
-                f"{wanted.shape[2]} over {len(wanted)} at the nominal lengths: modes cross between them; take another "
-                "number of reduction.modes, or a narrower range"
+                "at {}: {} vectors over {} configurations, {} over {} at the nominal lengths (least cosine between "
+                "neighbouring angles {:.2g}): {}, or {}; take {}, or {}, or a narrower range".format(
+                    lengths, own.shape[2], len(own), wanted.shape[2], len(wanted), cosine, *causes
+                )
             )
         weighted = np.array([self.mass @ shape for shape in own])
         gram, crossed = np.swapaxes(own, 1, 2) @ weighted, np.swapaxes(weighted, 1, 2) @ wanted

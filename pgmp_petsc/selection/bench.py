@@ -71,6 +71,7 @@ class Bench:
         self.scene, self.group, self.training, self.reference = subject.scene, group, training, reference
         self.comm = group.world
         self.remarks = list(training.remarks)
+        self.spent = 0.0  # s of processor time, that candidates so far were predicted to take
         self.full_model = reference.model
         self.outputs = tuple(self.full_model.outputs.functions)
         with agreed(self.comm, "preparing training runs"):

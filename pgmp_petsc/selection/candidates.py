@@ -1,9 +1,10 @@
 """What candidates are predicted to take, from their sizes alone, and those that are too dear to be tried.
 
-To build a basis of m flexible coordinates takes an eigenproblem at every configuration, and with terms of second order
-a static answer for each of the ``m (m + 1) / 2`` pairs; their tables have m^3 entries for every affine term. To run it
-takes the multiplications of its corrections (`ladder.operations`). Constants were measured on a common processor, of
-beams in the plane and in space; predictions are within a factor of two or three, and the same on any number of ranks.
+To build a basis of m flexible coordinates takes an eigenproblem at every configuration, others for modes at other
+parameter values, and with terms of second order a static answer for each of the ``m (m + 1) / 2`` pairs; their tables
+have m^3 entries for every affine term. To run it takes the multiplications of its corrections (`ladder.operations`).
+Constants were measured on a common processor, of beams and cells in the plane and in space with 36 to 321 unknowns;
+predictions are within a factor of two or three, now and then four, and the same on any number of ranks.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from pgmp_petsc.experiments.price import LOCAL, LOCAL_EFFECT, duration_text
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.selection.ladder import Limits, Rung
 
-# s: of the eigenproblem of a configuration, of a pair of second order there and an unknown, of a step of a sample
-# besides its tables, and of a multiplication of its corrections
-CONFIGURATION, PAIR_OF_UNKNOWN, STEP, MULTIPLICATION = 4.0e-2, 3.0e-6, 5.0e-6, 1.0e-9
+# s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for
+# terms of second order, and each of their pairs; of a step of a sample besides its tables, of a multiplication of its
+# corrections
+UNKNOWN, PAIR_OF_UNKNOWN, STEP, MULTIPLICATION = 8.0e-5, 1.0e-6, 5.0e-6, 1.0e-9
 SHARE = 0.2  # of the budget, that one candidate may take
 MOST_BYTES = 2**30  # that its tables may have
 
@@ -54,11 +56,13 @@ class CandidatePrices:
         step = STEP + LOCAL_EFFECT * local
         return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, step, n_steps, angles)
 
-    def seconds(self, rung: Rung) -> float:
-        """Return the processor time to build a candidate and to run it under all loads, s."""
-        m, n = rung.n_flexible, self.angles**self.n_coordinates
-        pairs = m * (m + 1) / 2 if rung.entries["second_order"] else 0
-        build = n * (CONFIGURATION + PAIR_OF_UNKNOWN * pairs * self.n_unknowns)
+    def seconds(self, rung: Rung, angles: int | None = None) -> float:
+        """Return the processor time to build a candidate and to run it under all loads, s; at the most angles, or at
+        others."""
+        m, n = rung.n_flexible, (angles or self.angles) ** self.n_coordinates
+        second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
+        pairs = m * (m + 1) / 2 if second else 0
+        build = n * self.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
         return build + self.n_steps * (self.step + MULTIPLICATION * rung.cost)
 
     def bytes(self, rung: Rung) -> float:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 USUAL_RUNS = 20  # of the bench, for the progress bar
+PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
 
 
@@ -260,7 +261,18 @@ def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
 def _cost_remark(bench: Bench, step: StepChoice, trial: Trial) -> str:
     """Say what a sample costs with what was chosen, and what the full-order model costs for the same tolerance."""
     reduced, full = bench.processor_times(trial, step.n_steps, step.n_full)
+    return cost_text(reduced, step.n_steps, full, step.n_full, bench.full_model.title)
+
+
+def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: str) -> str:
+    """Say what a sample of both models costs (s) with so many steps, and where reducing does not pay."""
+    said = (
+        f"processor time of a sample: {1e3 * reduced:.2g} ms with {n_reduced} steps; of the {title} model "
+        f"{1e3 * full:.2g} ms with {n_full} steps"
+    )
+    if reduced < PAYS * full:
+        return said
     return (
-        f"processor time of a sample: {1e3 * reduced:.2g} ms with {step.n_steps} steps; of the "
-        f"{bench.full_model.title} model {1e3 * full:.2g} ms with {step.n_full} steps"
+        f"{said}: the reduction does not pay here, for that model is small; run samples with it (--full), or take a "
+        "larger reduction.tolerance or fewer outputs"
     )

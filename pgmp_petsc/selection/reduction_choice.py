@@ -4,6 +4,7 @@ the fewest angles for it."""
 from __future__ import annotations
 
 import json
+from enum import Enum, auto
 from typing import Any, NoReturn
 
 import numpy as np
@@ -21,7 +22,7 @@ from pgmp_petsc.selection.ladder import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
+from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of, shares_shifted
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.selection.trial import Errors, Trial
 
@@ -33,6 +34,15 @@ MUCH_BETTER = 0.7  # a family that leaves less than this share of another's erro
 NEAREST = 4  # rungs to the middle that are tried where it cannot be built
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
+
+
+class MoreAngles(Enum):
+    """Whether a rung may be tried at twice the angles, or what forbids it."""
+
+    FREE = auto()
+    GIVEN = auto()
+    LAST = auto()
+    DEAR = auto()
 
 
 class ReductionChoice:
@@ -69,7 +79,7 @@ class ReductionChoice:
         self._take_affordable()
         self._trials: dict[tuple[Any, ...], Trial] = {}
         self._looked_at: list[Rung] = []  # with the present angles
-        self._worst_load = ""
+        self._worst_load, self._cut_short = "", ""
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
         if not self._families[0]:
@@ -102,18 +112,45 @@ class ReductionChoice:
             If the tolerance cannot be met.
         """
         while (found := self._cheapest_basis()) is None:
-            if not self._angles_count(best := self._best_looked_at()):
+            if self._angles_count(best := self._best_looked_at()):
+                self._refine()
+                continue
+            if not self._shift_to_basis(best):
                 self._refuse(best)
-            self._refine()
+            found = self._cheapest_basis() or best
+            break
         self._explain(found)
-        if self._too_dear:
-            self._bench.remarks.append(self._too_dear)
+        self._bench.remarks += self._left_out
         return self._trial(found) if self._fixed_grid else self._fewest_angles(found)
 
-    def _try(self, entries: dict[str, Any]) -> Trial:
+    @property
+    def _left_out(self) -> list[str]:
+        """What was not tried for its price, in words."""
+        return [text for text in (self._too_dear, self._cut_short) if text]
+
+    def _is_affordable(self, rung: Rung, grid: dict[str, Any]) -> bool:
+        """Return whether a candidate was tried, or all of them together stay within the budget with it.
+
+        The first one is tried whatever it takes, and a rung at fewer angles than the present ones, with which it was
+        found to be good.
+        """
+        if not self._trials or _key(rung.entries | grid) in self._trials or grid["angles"] < self._grid["angles"]:
+            return True
+        if self._bench.spent + self._prices.seconds(rung, grid["angles"]) <= self._bench.budget:
+            return True
+        self._cut_short = (
+            f"the search ended early: candidates that were tried are predicted to take {self._bench.spent:.2g} s of "
+            f"processor time, and with the next one more than reference.budget = {self._bench.budget:g} s; raise the "
+            "budget, shorten simulation.duration, or give some of the entries of reduction"
+        )
+        return False
+
+    def _try(self, rung: Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial of a candidate; one that the worst load tells to be bad is not run under the others."""
+        entries = rung.entries | grid
         key = _key(entries)
         if key not in self._trials:
+            self._bench.spent += self._prices.seconds(rung, grid["angles"])
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
@@ -131,10 +168,12 @@ class ReductionChoice:
 
     def _trial(self, rung: Rung) -> Trial:
         """Return the trial of a rung at the present angles."""
-        return self._try(rung.entries | self._grid)
+        return self._try(rung, self._grid)
 
     def _error(self, rung: Rung) -> float:
-        """Return what a rung leaves at the present angles, and note it."""
+        """Return what a rung leaves at the present angles, and note it; infinite where it cannot be afforded."""
+        if not self._is_affordable(rung, self._grid):
+            return np.inf
         trial = self._trial(rung)
         if rung not in self._looked_at:
             self._looked_at.append(rung)
@@ -148,11 +187,18 @@ class ReductionChoice:
     def _finer(self) -> dict[str, Any]:
         return self._grid | {"angles": 2 * self._grid["angles"]}
 
+    def _more_angles(self, rung: Rung) -> MoreAngles:
+        """Return whether a rung may be tried at twice the angles."""
+        if self._fixed_grid:
+            return MoreAngles.GIVEN
+        if self._finer["angles"] > self._angles[-1]:
+            return MoreAngles.LAST
+        alone = self._prices.within(rung, self._bench.budget)
+        return MoreAngles.FREE if alone and self._is_affordable(rung, self._finer) else MoreAngles.DEAR
+
     def _angles_count(self, rung: Rung) -> bool:
-        """Return whether twice the angles change a good part of what a rung leaves, and can be afforded."""
-        if self._fixed_grid or self._finer["angles"] > self._angles[-1]:
-            return False
-        if not self._prices.within(rung, self._bench.budget):
+        """Return whether twice the angles may be tried, and change a good part of what a rung leaves."""
+        if self._more_angles(rung) is not MoreAngles.FREE:
             return False
         changed = self._apart(rung, self._grid, self._finer).largest
         return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
@@ -162,10 +208,20 @@ class ReductionChoice:
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
 
+    def _shift_to_basis(self, best: Rung) -> bool:
+        """Let the basis have most of what is kept for interpolation; return whether the best rung is then good enough.
+
+        What the present angles leave is in a rung's error already, and the fewest angles are sought for what remains.
+        """
+        if self._fixed_grid:
+            return False
+        self.allowed.update({part: share * self.tolerance for part, share in shares_shifted().items()})
+        return self._error(best) <= self.allowed["basis"]
+
     def _apart(self, rung: Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
         """Return how far a grid is from a finer one."""
-        trial = self._try(rung.entries | grid)
-        errors = self._bench.apart(trial, self._try(rung.entries | finer))
+        trial = self._try(rung, grid)
+        errors = self._bench.apart(trial, self._try(rung, finer))
         self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
         return errors
 
@@ -200,7 +256,7 @@ class ReductionChoice:
                 if middles[-1] <= self.allowed["basis"]:
                     return [family]
             best, least = self._best_looked_at(), min(middles)
-            if not self._angles_count(best) or self._try(best.entries | self._finer).errors.largest >= least:
+            if not self._angles_count(best) or self._try(best, self._finer).errors.largest >= least:
                 return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= least]
             self._refine()
 
@@ -208,7 +264,8 @@ class ReductionChoice:
         """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
         whatever the angles."""
         near = by_distance_from_middle(family)[:NEAREST]
-        return next((rung for rung in near if self._trial(rung).built), near[0])
+        tried = (rung for rung in near if self._is_affordable(rung, self._grid))
+        return next((rung for rung in tried if self._trial(rung).built), near[0])
 
     def _climb(self, family: list[Rung], start: int) -> Rung | None:
         """Return the rung of a family with the fewest modes that is good enough."""
@@ -255,25 +312,31 @@ class ReductionChoice:
             self._trials[_key(best.entries | self._grid)] = trial
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, best.cost)
             best = self._best_looked_at()
-        doubles = self._fixed_grid and self._reduction.sampling_tolerance is None
-        if doubles and self._finer["angles"] <= self._angles[-1]:
-            self._apart(best, self._grid, self._finer)
-        self._refuse_angles(best)
+        more = self._more_angles(best)
+        if more is MoreAngles.LAST:
+            self._refuse_angles(best)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
-        last = [text for text in (kept_text(kept) if kept else "", self._too_dear) if text]
-        if not (self._fixed_grid or self._prices.within(best, self._bench.budget)):
+        last = [kept_text(kept)] if kept else []
+        if more is MoreAngles.GIVEN:
+            self._look_at_finer(best)
+        rival = self._rival_of(trial)
+        last += self._left_out
+        if more is MoreAngles.DEAR and not self._prices.within(best, self._bench.budget):
             last.append(f"{self._finer['angles']} angles were not tried: {self._prices.dear(best, self._bench.budget)}")
         n_static = self._limits.n_static if trial.reduction.static_modes else 0
         if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
-        rival = self._rival_of(trial)
         refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
+
+    def _look_at_finer(self, best: Rung) -> None:
+        """Note what twice the angles that are given would change, where that is no matter of other entries."""
+        if self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]:
+            if self._is_affordable(best, self._finer):
+                self._apart(best, self._grid, self._finer)
 
     def _refuse_angles(self, best: Rung) -> None:
         """Refuse where the last angles that are tried still changed much of the best rung."""
         most = self._grid["angles"]
-        if self._fixed_grid or self._finer["angles"] <= self._angles[-1]:
-            return
         if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
             hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
             refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
@@ -315,7 +378,7 @@ class ReductionChoice:
             f"leave {left.get(tuple(chosen.values()), 0.0):.2g}, allowed {allowed:.2g}, against "
             f"{self._grid['angles']}, with which the basis was judged"
         )
-        return self._try(rung.entries | chosen)
+        return self._try(rung, chosen)
 
 
 def _key(entries: dict[str, Any]) -> tuple[Any, ...]:

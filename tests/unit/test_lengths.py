@@ -210,9 +210,13 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
 ) -> None:
     member = rom.family.members[0]
     fewer = replace(member, projection=member.projection[:, :, 1:])
-    line = "^at rod_length = 0.7: 7 vectors over 12 configurations, 8 over 12 at the nominal lengths: modes cross"
-    with pytest.raises(RunError, match=line):
-        gauge.turned(long_crank(*SMALL), fewer)
+    line = "^at rod_length = 0.7: 7 vectors over 12 configurations, 8 over 12 at the nominal lengths"
+    modes, angles = "another number of reduction.modes", "more reduction.angles"
+    # the likelier first: neighbouring angles tell whether modes were followed from one to the next
+    for cosine, first, second in ((0.7, angles, modes), (0.99, modes, angles)):
+        with pytest.raises(RunError, match=f"{line}.*take {first}, or {second}, or a narrower range$"):
+            told = replace(gauge, model=replace(gauge.model, cosines=np.array([cosine])))
+            told.turned(long_crank(*SMALL), replace(fewer, cosines=np.array([1.0])))
     with h5py.File(tmp_path / "family.h5", "w") as file:
         others = tuple(replace(one, projection=one.projection[:, 3:]) for one in rom.family.members[1:])
         put_family(file.create_group("lengths"), replace(rom.family, members=(member, *others)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import meshes_of, slider_crank
@@ -25,12 +27,21 @@ def test_prices_rise_along_a_family_with_steps_and_with_angles() -> None:
         assert all(prices(angles=192).bytes(rung) == 2.0 * prices().bytes(rung) for rung in family)
 
 
+def test_configurations_take_more_with_unknowns_and_with_what_is_built_beside_the_modes() -> None:
+    plain, extended, second, _ = (family[4] for family in families_of({}, replace(LIMITS, uncertain=True))[:4])
+    idle = prices(n_steps=0)
+    assert prices(n_steps=0, n_unknowns=72).seconds(plain) == pytest.approx(2.0 * idle.seconds(plain))
+    assert extended.entries["parameter_modes"] and idle.seconds(extended) == pytest.approx(2.0 * idle.seconds(plain))
+    assert 2.0 * idle.seconds(plain) < idle.seconds(second) < 3.0 * idle.seconds(plain)
+    assert idle.seconds(plain, 48) == pytest.approx(0.5 * idle.seconds(plain))
+
+
 def test_nothing_is_left_out_where_the_budget_has_no_end() -> None:
     families = families_of({}, LIMITS)
     assert prices().affordable(families, np.inf) == (families, "")
 
 
-@pytest.mark.parametrize("budget", [2.0, 20.0, 30.0])
+@pytest.mark.parametrize("budget", [1.0, 5.0, 10.0])
 def test_what_stays_is_within_the_share_of_the_budget(budget: float) -> None:
     families = families_of({}, LIMITS)
     kept, said = prices().affordable(families, budget)

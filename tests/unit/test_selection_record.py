@@ -12,7 +12,7 @@ from scenes import slider_crank
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
-from pgmp_petsc.selection.choice import leaves_open
+from pgmp_petsc.selection.choice import cost_text, leaves_open
 from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, STEP, shares_of
 
 SELECTION = Selection(
@@ -109,3 +109,9 @@ def test_a_step_that_is_still_to_be_chosen_is_not_too_long() -> None:
         slider_crank("simulation={duration=1e-4}")
     with pytest.raises(InputError, match="must not exceed the duration"):
         slider_crank("simulation={duration=1e-4, step=1e-3, tolerance=1e-3}")
+
+
+def test_where_a_reduced_sample_is_no_cheaper_the_reduction_is_said_not_to_pay() -> None:
+    cheap, dear = (cost_text(reduced, 100, 1e-3, 400, "full-order") for reduced in (2e-4, 9e-4))
+    assert cheap == "processor time of a sample: 0.2 ms with 100 steps; of the full-order model 1 ms with 400 steps"
+    assert "0.9 ms with 100 steps" in dear and "the reduction does not pay here" in dear and "--full" in dear

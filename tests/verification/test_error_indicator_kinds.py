@@ -30,6 +30,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 
 FACTOR = 3.0
+SURER = {"driven by a table": 1.5}  # without the impulse of a drive that sets in at once it is 0.44
 REFINEMENT = 8  # steps of the reference in one of the reduced run
 BASIS = ("reduction.static_modes=true", 'reduction.interpolation="spline"')
 RAMP = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}'
@@ -50,6 +51,8 @@ DRIVEN = (
     'effects.inner={type="structural_damping", stiffness=1e-5}',
     'outputs={bent={type="deformation", point="rod:right", axis="x"}}',
 )
+# a table sets off and ends with a jump of its acceleration
+STARTED = (*DRIVEN, 'effects.drive={type="prescribed_motion", coordinate="theta", table=[[0.0, 0.0], [0.05, 0.2]]}')
 SCALED = ("parameters={s={nominal=0.9}}", 'bodies.rod.section_scale="s"')
 Made = tuple[Scene, dict]
 
@@ -97,6 +100,7 @@ CASES = {
     "cells in the plane": (in_plane, ("reduction.modes=3",), False),
     "cells in the plane, second order": (in_plane, ("reduction.modes=3", "reduction.second_order=true"), False),
     "driven cells in the plane": (in_plane, ("reduction.modes=3", *DRIVEN), False),
+    "driven by a table": (in_plane, ("reduction.modes=3", *STARTED), False),
     "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False),
     "cells in space": (in_space, (), True),
     "beams in space": (beams_in_space, (), False),
@@ -116,11 +120,11 @@ def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
     watched = ErrorIndicator(model).watch(values, np.arange(2))
     run = integrate(model.batch(values, 2), scene.simulation, observer=watched)
     estimate, found = watched.estimate(run.status).largest, history(model, values, 2)[1]
-    exact = history(exact_of, values, 2)[1]
+    exact, factor = history(exact_of, values, 2)[1], SURER.get(case, FACTOR)
     for name, one in found.items():
         true = np.abs(one - exact[name][::REFINEMENT]).max(axis=0)
         ratios = estimate[name] / true
-        assert np.all((ratios > 1.0 / FACTOR) & (ratios < FACTOR)), (name, ratios, true)
+        assert np.all((ratios > 1.0 / factor) & (ratios < factor)), (name, ratios, true)
         np.testing.assert_allclose(ratios[1], ratios[0], rtol=1e-6)  # of the same sample
 
 
