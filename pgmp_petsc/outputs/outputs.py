@@ -19,6 +19,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
@@ -151,20 +153,23 @@ def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:
     return side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
 
 
-def joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
-    """Return the relative rotation b - a of a joint.
+def joint_angle(
+    connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None
+) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the relative rotation b - a of a joint, which counts turns.
 
-    In space a joint that is a coordinate counts its turns as the coordinate does; another one is in (-pi, pi].
+    In space that of a coordinate is near the coordinate, that of another joint in (-pi, pi] at the start, coordinates
+    (n_theta,); see `JointTurns`.
     """
-    numbers = [k for k, c in enumerate(kinematics.coordinates) if c.connection is connection]
     space = kinematics.mechanism.space
     nodes = {side.node for side in (connection.a, connection.b) if not side.on_ground}
+    start = np.zeros(kinematics.n_coordinates) if start is None else start
+    turns = JointTurns.of(connection, kinematics, start) if space is SPATIAL else None
 
     def angle(frames: Frames) -> np.ndarray:
         first = next(frames[node] for node in nodes)
-        n = first.shape[1]
-        turned = first[SPATIAL.n_pose + numbers[0]] if space is SPATIAL and numbers else 0.0
-        return space.angle(connection.angle, *(_frame(side, frames, n) for side in connection.sides), turned)
+        near = 0.0 if turns is None else turns.near(first[SPATIAL.n_pose :])
+        return space.angle(connection.angle, *(_frame(side, frames, first.shape[1]) for side in connection.sides), near)
 
     return angle, nodes
 
@@ -182,7 +187,7 @@ def within_reach(kinematics: RigidKinematics, measured: np.ndarray) -> np.ndarra
 
 
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
-    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
+    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics, start), "rad"
 
 
 def _sliding(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
