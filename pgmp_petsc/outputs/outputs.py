@@ -24,6 +24,7 @@ from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -230,6 +231,20 @@ def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinemati
     return lambda frames: point.frame_of(frames[point.node])[axis] - origin, {point.node}, "m"
 
 
+def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
+    """Return rigid poses (n_bodies, n_pose, n) at configurations (n, n_theta), not a number where loops cannot close.
+
+    Over more than two coordinates nobody has followed the range, and a flexible mechanism goes where the rigid one
+    cannot.
+    """
+    try:
+        return kinematics.poses(theta)
+    except InputError:
+        if len(theta) > 1:
+            return np.concatenate([poses_where_closed(kinematics, half) for half in np.array_split(theta, 2)], axis=2)
+        return np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, 1), np.nan)
+
+
 def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
     coordinates, nodes = measured_coordinates(kinematics)
@@ -238,7 +253,7 @@ def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematic
         measured = coordinates(frames)
         values = np.full(len(measured), np.nan)
         inside = within_reach(kinematics, measured)
-        poses = kinematics.poses(measured[inside])
+        poses = poses_where_closed(kinematics, measured[inside])
         d = kinematics.mechanism.space.dimension
         moved = point.frame_of(frames[point.node])[:d, inside] - point.frame_of_pose(poses)[:d]
         if entry.frame == "body":

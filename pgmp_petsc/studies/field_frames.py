@@ -15,7 +15,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.outputs.outputs import measured_coordinates, within_reach
+from pgmp_petsc.outputs.outputs import measured_coordinates, poses_where_closed, within_reach
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
@@ -81,7 +81,7 @@ def rigid_poses(kinematics: RigidKinematics, nodal: np.ndarray) -> np.ndarray:
     inside = within_reach(kinematics, measured)
     poses = np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, len(measured)), np.nan)
     if inside.any():
-        poses[..., inside] = kinematics.poses(measured[inside])
+        poses[..., inside] = poses_where_closed(kinematics, measured[inside])
     return poses
 
 
