@@ -29,10 +29,13 @@ from pgmp_petsc.results.shard import read_shard
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+    from pgmp_petsc.models import FullModel
 
 
 def montecarlo(
@@ -106,6 +109,7 @@ def montecarlo(
         keeper = stack.enter_context(keeping(asked.kind, comm, output, on_all_ranks, (origin.path,)))
         place = stack.enter_context(_place_of(keeper))
         prepared = origin.settled(comm, check, many=True)
+        _say_if_small(prepared, ranks_per_sample, comm)
         file = on_root(comm, asked.table, prepared, origin.settings)
         with agreed(comm, "looking at what is asked for"):
             asked = asked.with_table(file)
@@ -165,6 +169,7 @@ def retry_failed(
         keeper = stack.enter_context(keeping("ensemble", comm, output, on_all_ranks, (origin.path, failed)))
         place = stack.enter_context(_place_of(keeper))
         prepared = origin.settled(comm, check, many=True)
+        _say_if_small(prepared, ranks_per_sample, comm)
         earlier = on_root(comm, read_earlier, Path(failed), prepared)
         plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
         found = run_ensemble(prepared, plan, group, earlier=earlier)
@@ -281,6 +286,21 @@ def _check_keeping(output: object, resume: bool, ranks_per_sample: int, model: s
     if ranks_per_sample > 1 and model != "full":
         what = "component modes" if model == "components" else "a reduced model"
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
+
+
+def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> None:
+    """Say that samples are too small to be shared among ranks, which wait for each other in every step."""
+    if ranks_per_sample == 1:
+        return
+    from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK  # reduced samples never need it
+
+    n = model.kinematics.mechanism.n_dofs
+    if n < UNKNOWNS_PER_RANK * ranks_per_sample:
+        announce(
+            f"--ranks-per-sample = {ranks_per_sample}: a sample has {n} unknowns, less than {UNKNOWNS_PER_RANK} for "
+            "each of its ranks, which takes longer than on fewer of them; leave it out, and ranks have samples of their own",
+            comm,
+        )
 
 
 def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scene) -> Result:

@@ -174,7 +174,7 @@ def _side(side: Side) -> str:
 
 def _statement(part: StatementInC) -> str:
     directions = ", ".join(_numbers(axis) for axis in part.statement.axes)
-    return f"{{{part.statement.kind}, {part.coordinate}, {{{directions}}}, {_side(part.a)}, {_side(part.b)}}}"
+    return f"{{{part.statement.kind}, {_numbers(part.turns)}, {{{directions}}}, {_side(part.a)}, {_side(part.b)}}}"
 
 
 def _output(output: Output) -> str:

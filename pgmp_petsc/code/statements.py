@@ -9,7 +9,10 @@ import numpy as np
 
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
 from pgmp_petsc.models import ReducedModel
 
@@ -34,12 +37,21 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class StatementInC:
-    """A statement about two points; `coordinate` is the number of the coordinate whose angle it is, -1 of others."""
+    """A statement about two points; `turns` is what an angle is near to: offset and slopes of `JointTurns`."""
 
     statement: Statement
     a: Side
     b: Side
-    coordinate: int = -1
+    turns: tuple[float, ...] = (0.0,)
+
+    @classmethod
+    def of_angle(
+        cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray, slots: Mapping[int, int]
+    ) -> StatementInC:
+        """Return the angle of a joint; see `outputs.outputs.joint_angle`."""
+        turns = JointTurns.of(connection, kinematics, start) if kinematics.mechanism.space is SPATIAL else None
+        near = (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))
+        return cls(connection.angle, *(Side.of(side, slots) for side in connection.sides), near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +78,8 @@ class Output:
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
     """Return what measures the coordinates."""
-    return [
-        StatementInC(c.connection.angle, *(Side.of(side, slots) for side in c.connection.sides), k)
-        for k, c in enumerate(kinematics.coordinates)
-    ]
+    start = np.zeros(kinematics.n_coordinates)  # of no account for coordinates
+    return [StatementInC.of_angle(c.connection, kinematics, start, slots) for c in kinematics.coordinates]
 
 
 def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[float]]:
@@ -87,7 +97,7 @@ def action_in_c(
     """Return a local effect; `nodes` are those of all of them, `strengths` the names of what acts over time."""
     a, b = action.sides
     return ActionInC(
-        StatementInC(action.statement, Side.of(a, slots), Side.of(b, slots), action.coordinate),
+        StatementInC(action.statement, Side.of(a, slots), Side.of(b, slots)),
         tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b)),
         action.law,
         -1 if action.amplitude is None else strengths.index(action.effect),
@@ -99,13 +109,13 @@ def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Out
     """Return an output; see `outputs.outputs`."""
     entry, kinematics = model.scene.outputs[name], model.kinematics
     mechanism = kinematics.mechanism
-    if entry.type in ("angle", "sliding"):
+    if entry.type == "angle":
         connection = mechanism.connection(entry.joint)
-        numbers = [k for k, c in enumerate(mechanism.coordinates) if c.connection is connection]
-        statement, coordinate = connection.angle, numbers[0] if numbers else -1
-        if entry.type == "sliding":
-            statement, coordinate = along(np.array(mechanism.scene.joints[entry.joint].axes[0])), -1
-        return Output("MEASURE", StatementInC(statement, *(Side.of(s, slots) for s in connection.sides), coordinate))
+        return Output("MEASURE", StatementInC.of_angle(connection, kinematics, model.start[0], slots))
+    if entry.type == "sliding":
+        slides = along(np.array(mechanism.scene.joints[entry.joint].axes[0]))
+        sides = mechanism.connection(entry.joint).sides
+        return Output("MEASURE", StatementInC(slides, *(Side.of(side, slots) for side in sides)))
     nothing = distance(mechanism.space.dimension)
     if entry.type == "distance":
         sides = [mechanism.attachment(point, f"outputs.{name}.points") for point in entry.points]

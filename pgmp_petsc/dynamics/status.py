@@ -42,7 +42,8 @@ _MEANINGS = {
     Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, not positive where "
     "that is needed, or the lower end of a stop not below the upper one); not integrated",
     Status.NOT_CONVERGED: "Newton's iteration did not converge within a time step",
-    Status.LEFT_RANGE: "a coordinate left the range that the reduced model was sampled over",
+    Status.LEFT_RANGE: "a coordinate left the range, beyond which neither the reduced model nor a deformation "
+    "is known",
     Status.NOT_FINITE: "its motion or an output is no finite number",
     Status.SOLVER_FAILED: "the linear solver failed within a time step",
     Status.BROKE_DOWN: "its deformation left what the reduced model holds for: stiffness or inertia are no longer "
@@ -53,8 +54,10 @@ _CURES = {
     Status.FINE: "",
     Status.UNPHYSICAL: "give the parameter bounds, which truncate its distribution",
     Status.NOT_CONVERGED: "take a smaller simulation.step",
-    Status.LEFT_RANGE: "widen the coordinate's range and build again",
-    Status.NOT_FINITE: "look at the loads and the start of these samples",
+    Status.LEFT_RANGE: "widen the coordinate's range, and build a reduced model again; full-order and component "
+    "runs go on beyond it where no output is a deformation",
+    Status.NOT_FINITE: "look at the loads and the start; a deformation is no number where the rigid mechanism cannot "
+    "close",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; build with stretching = "
     '"static" where it is "dynamic", or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo SCENE '

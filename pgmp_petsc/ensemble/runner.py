@@ -27,6 +27,7 @@ from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
+from pgmp_petsc.ensemble.range_watch import RangeWatch
 from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
@@ -273,8 +274,13 @@ def run_batch(
                 unstable[samples] = system.settled.unstable & attempt.alive
             begun = Begun(system, some, places, attempt.simulation)
             watches = [watcher.watch(begun) for watcher in watchers if places.size]
-            observer = Together([watch.observer for watch in watches]) if watches else None
+            observers, inside = [watch.observer for watch in watches], None
+            if model.outputs.reached is not None and not isinstance(model, REDUCED):
+                inside = RangeWatch(model, system)
+                observers.append(inside)
+            observer = Together(observers) if observers else None
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
+            done = done if inside is None else inside.judged(done)
             done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
         for watch in watches:
             for kind, arrays in watch.found(done.status).items():

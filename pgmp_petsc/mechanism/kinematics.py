@@ -270,12 +270,17 @@ class RigidKinematics:
         Returns the number of constraints that follow from the others.
         """
         space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
-        n_tied = space.n_tied * n_bodies  # constraints that make poses rigid, and no joints
-        n_constraints, n_poses = self.mechanism.n_constraints, space.n_pose * n_bodies - n_tied
-        rows = slice(self._closure.n_constraints)
-        values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
-        rank = int(np.sum(values > SINGULAR_TOLERANCE * values[0])) - n_tied if values.size else 0
+        n_poses = (space.n_pose - space.n_tied) * n_bodies
+        rank = self._rank(poses)
         if n_poses - rank != self.n_coordinates:
+            if rank < n_poses - self.n_coordinates == self._rank(self._elsewhere(poses)):
+                where = np.round(self._closure.measured(poses)[:, 0], 9) + 0.0  # assembled to less
+                raise InputError(
+                    f"joints: at {self.describe(where)} the rigid mechanism is in a "
+                    f"singular position, where it has {n_poses - rank} degrees of freedom and may go on in several "
+                    f"ways; elsewhere it has {self.n_coordinates}, as many as coordinates were named. Let the range of "
+                    "the coordinate leave it out, or choose lengths that do not let links fall into one line"
+                )
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
             raise InputError(
@@ -283,7 +288,21 @@ class RigidKinematics:
                 f"({n_poses} of its {len(self.mechanism.bodies)} bodies less "
                 f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal"
             )
-        return n_constraints - rank
+        return self.mechanism.n_constraints - rank
+
+    def _rank(self, poses: np.ndarray) -> int:
+        """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""
+        rows = slice(self._closure.n_constraints)
+        values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
+        # those that make poses rigid are no joints
+        n_tied = self.mechanism.space.n_tied * len(self.mechanism.bodies)
+        return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) - n_tied if values.size else 0
+
+    def _elsewhere(self, poses: np.ndarray) -> np.ndarray:
+        """Return other poses near these at which the mechanism is closed, if there are any; best effort."""
+        moved, d = np.random.default_rng(0).normal(scale=0.1, size=poses.shape), self.mechanism.space.dimension
+        moved[:, :d] *= self.size
+        return self._closure.closed_freely(poses + moved)
 
 
 def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:

@@ -19,9 +19,12 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -47,6 +50,9 @@ class OutputSet:
         From frames to the values of an output, each of shape (n,); None of a stress.
     stresses
         Stress outputs, in the order in which models observe them.
+    reached
+        From frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
+        everywhere: none is a deformation, or every coordinate is periodic.
     """
 
     nodes: tuple[int, ...]
@@ -54,6 +60,7 @@ class OutputSet:
     n_frame: int
     functions: dict[str, Callable[[Frames], np.ndarray] | None]
     stresses: tuple[StressOutput, ...] = ()
+    reached: Callable[[Frames], np.ndarray] | None = None
 
     def observed(self, frames: np.ndarray, stresses: np.ndarray) -> np.ndarray:
         """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n) and stresses
@@ -62,13 +69,23 @@ class OutputSet:
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
-        n_rows = len(self.nodes) * self.n_frame
-        by_node = dict(zip(self.nodes, observed[:n_rows].reshape(len(self.nodes), self.n_frame, observed.shape[1])))
-        of_stresses = dict(zip((stress.name for stress in self.stresses), observed[n_rows:]))
+        by_node = self._by_node(observed)
+        of_stresses = dict(zip((stress.name for stress in self.stresses), observed[len(self.nodes) * self.n_frame :]))
         return {
             name: of_stresses[name] if function is None else function(by_node)
             for name, function in self.functions.items()
         }
+
+    def left_range(self, observed: np.ndarray) -> np.ndarray:
+        """Return where a coordinate is outside the range that a deformation is known in, shape (n,), for what a model
+        observes, shape (n_observed, n)."""
+        if self.reached is None:
+            return np.zeros(observed.shape[1], dtype=bool)
+        return ~self.reached(self._by_node(observed))
+
+    def _by_node(self, observed: np.ndarray) -> Frames:
+        n_rows = len(self.nodes) * self.n_frame
+        return dict(zip(self.nodes, observed[:n_rows].reshape(len(self.nodes), self.n_frame, observed.shape[1])))
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
@@ -109,7 +126,15 @@ class OutputSet:
             nodes |= needed
         mechanism = kinematics.mechanism
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
-        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses))
+        reached = None
+        limited = not all(coordinate.periodic for coordinate in mechanism.coordinates)
+        if limited and any(entry.type == "deformation" for entry in scene.outputs.values()):
+            measured, _ = measured_coordinates(kinematics)
+
+            def reached(frames: Frames) -> np.ndarray:
+                return within_reach(kinematics, measured(frames))
+
+        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached)
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
@@ -129,26 +154,41 @@ def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:
     return side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
 
 
-def joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
-    """Return the relative rotation b - a of a joint.
+def joint_angle(
+    connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None
+) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the relative rotation b - a of a joint, which counts turns.
 
-    In space a joint that is a coordinate counts its turns as the coordinate does; another one is in (-pi, pi].
+    In space that of a coordinate is near the coordinate, that of another joint in (-pi, pi] at the start, coordinates
+    (n_theta,); see `JointTurns`.
     """
-    numbers = [k for k, c in enumerate(kinematics.coordinates) if c.connection is connection]
     space = kinematics.mechanism.space
     nodes = {side.node for side in (connection.a, connection.b) if not side.on_ground}
+    start = np.zeros(kinematics.n_coordinates) if start is None else start
+    turns = JointTurns.of(connection, kinematics, start) if space is SPATIAL else None
 
     def angle(frames: Frames) -> np.ndarray:
         first = next(frames[node] for node in nodes)
-        n = first.shape[1]
-        turned = first[SPATIAL.n_pose + numbers[0]] if space is SPATIAL and numbers else 0.0
-        return space.angle(connection.angle, *(_frame(side, frames, n) for side in connection.sides), turned)
+        near = 0.0 if turns is None else turns.near(first[SPATIAL.n_pose :])
+        return space.angle(connection.angle, *(_frame(side, frames, first.shape[1]) for side in connection.sides), near)
 
     return angle, nodes
 
 
+def measured_coordinates(kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the coordinates as the joints have them, from frames to shape (n, n_theta), rad."""
+    measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+    nodes = set().union(*(needed for _, needed in measures))
+    return lambda frames: np.stack([angle(frames) for angle, _ in measures], axis=1), nodes
+
+
+def within_reach(kinematics: RigidKinematics, measured: np.ndarray) -> np.ndarray:
+    """Return where the rigid mechanism can be placed at measured coordinates (n, n_theta), shape (n,)."""
+    return kinematics.within_reach(measured).reshape(len(measured))
+
+
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
-    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
+    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics, start), "rad"
 
 
 def _sliding(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
@@ -191,15 +231,29 @@ def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinemati
     return lambda frames: point.frame_of(frames[point.node])[axis] - origin, {point.node}, "m"
 
 
+def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
+    """Return rigid poses (n_bodies, n_pose, n) at configurations (n, n_theta), not a number where loops cannot close.
+
+    Over more than two coordinates nobody has followed the range, and a flexible mechanism goes where the rigid one
+    cannot.
+    """
+    try:
+        return kinematics.poses(theta)
+    except InputError:
+        if len(theta) > 1:
+            return np.concatenate([poses_where_closed(kinematics, half) for half in np.array_split(theta, 2)], axis=2)
+        return np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, 1), np.nan)
+
+
 def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.mechanism.coordinates]
+    coordinates, nodes = measured_coordinates(kinematics)
 
     def deformation(frames: Frames) -> np.ndarray:
-        measured = np.stack([angle(frames) for angle, _ in measures], axis=1)
+        measured = coordinates(frames)
         values = np.full(len(measured), np.nan)
-        inside = kinematics.within_reach(measured).reshape(len(measured))
-        poses = kinematics.poses(measured[inside])
+        inside = within_reach(kinematics, measured)
+        poses = poses_where_closed(kinematics, measured[inside])
         d = kinematics.mechanism.space.dimension
         moved = point.frame_of(frames[point.node])[:d, inside] - point.frame_of_pose(poses)[:d]
         if entry.frame == "body":
@@ -207,4 +261,4 @@ def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematic
         values[inside] = moved[axis]
         return values
 
-    return deformation, {point.node}.union(*(needed for _, needed in measures)), "m"
+    return deformation, {point.node} | nodes, "m"

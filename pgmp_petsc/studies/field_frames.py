@@ -15,7 +15,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.outputs.outputs import measured_coordinates, poses_where_closed, within_reach
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
@@ -77,12 +77,11 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
 def rigid_poses(kinematics: RigidKinematics, nodal: np.ndarray) -> np.ndarray:
     """Return the poses (n_bodies, n_pose, n) of the rigid mechanism at the coordinates that frames of its nodes
     (n_nodes, n_frame, n) have; not a number where it may not exist."""
-    angles = [joint_angle(coordinate.connection, kinematics)[0] for coordinate in kinematics.coordinates]
-    measured = np.stack([angle(nodal) for angle in angles], axis=1)
-    inside = kinematics.within_reach(measured).reshape(len(measured))
+    measured = measured_coordinates(kinematics)[0](nodal)
+    inside = within_reach(kinematics, measured)
     poses = np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, len(measured)), np.nan)
     if inside.any():
-        poses[..., inside] = kinematics.poses(measured[inside])
+        poses[..., inside] = poses_where_closed(kinematics, measured[inside])
     return poses
 
 

@@ -71,6 +71,33 @@ def test_a_sample_that_leaves_the_sampled_range_leaves_the_others_alone() -> Non
     np.testing.assert_array_equal(np.delete(q, 5, axis=0), expected)
 
 
+# pushes forth and twice as hard back, to where it began, within 30 ms
+BACK = MOTOR.replace("[[0.0, 0.0], [0.02, 1.0]]", "[[0.0, 1.0], [0.01, 1.0], [0.011, -2.0], [1.0, -2.0]]")
+NARROW = ("coordinates.theta.range=[0.0, 0.55]", *RANGE[1:])
+AWAY = (BACK, *NARROW, *run_for(0.03, 5e-4), 'parameters.push.distribution={name="uniform", loc=0.5, scale=1.0}')
+
+
+@pytest.mark.parametrize("overrides", [(), ("ensemble.bands=0",)])
+def test_a_full_order_sample_that_leaves_the_range_and_comes_back_has_failed(overrides: tuple[str, ...]) -> None:
+    """Its deformation is not known out there, so that none of its extremes is; nobody may count it as fine."""
+    model = model_of("full", *AWAY, *overrides)
+    values = {name: np.full(5, value) for name, value in model.scene.nominal.items()}
+    values["push"] = np.array([1.0, 0.5, 60.0, 1.5, 1.2])
+    batch = run_batch(model, values)
+    np.testing.assert_array_equal(batch.status, np.where(values["push"] == 60.0, Status.LEFT_RANGE, Status.FINE))
+    assert 0.005 < batch.failure_time[2] < 0.015
+    assert np.isnan(batch.outputs["bent"][2]) and np.isfinite(batch.outputs["bent"][3])
+
+
+def test_a_single_run_beyond_the_range_says_so_and_goes_on_without_deformations() -> None:
+    alone = simulate_full(model_of("full", *AWAY, "parameters.push.nominal=60.0"), MPI.COMM_SELF)
+    assert alone.status == Status.LEFT_RANGE and alone.record.remarks[0].text.startswith("full simulation stopped at")
+    assert "widen the coordinate" in alone.record.remarks[0].text
+    angle = 'outputs={angle={type="angle", joint="crank_hinge"}}'
+    further = simulate_full(model_of("full", *AWAY, "parameters.push.nominal=60.0", angle), MPI.COMM_SELF)
+    assert further.status == Status.FINE and further.outputs["angle"].max() > 0.61
+
+
 @pytest.mark.parametrize("name", ["full", "reduced"])
 def test_an_ensembles_batch_with_samples_that_are_not_physical(name: str) -> None:
     """Radii that are not positive are records; the others have the outputs that they have alone."""

@@ -291,7 +291,8 @@ def test_groups_of_ranks_share_samples(mpirun: Callable, folder: Path) -> None:
     asked = ("-n", 5, "--seed", SEED, "--full", *overridden("simulation.duration=0.02"))
     alone, shared = folder / "alone.h5", folder / "shared.h5"
     pgmp("montecarlo", PAPER_SCENE, *asked, "-o", alone)
-    mpirun(3, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)
+    done = mpirun(3, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)
+    assert done.stderr.count("a sample has 36 unknowns, less than 3000 for each of its ranks") == 1
     one, other = Ensemble.read(alone), Ensemble.read(shared)
     for name, values in one.outputs.items():
         np.testing.assert_allclose(other.outputs[name], values, rtol=0, atol=1e-9 * max(1e-3, np.abs(values).max()))

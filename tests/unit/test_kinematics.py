@@ -230,6 +230,14 @@ def test_too_many_degrees_of_freedom() -> None:
     )
 
 
+def test_a_range_that_begins_in_a_singular_position() -> None:
+    """A parallelogram with its links in one line, where it can fold as well."""
+    lengths = {"crank": 0.3, "coupler": 1.0, "rocker": 0.3}
+    message = refusal(four_bar(*(f'bodies.{name}.mesh="0.0:{length}:4"' for name, length in lengths.items())))
+    assert message.startswith("joints: at theta = 0 rad the rigid mechanism is in a singular position")
+    assert "2 degrees of freedom" in message and "elsewhere it has 1, as many as coordinates" in message
+
+
 def test_no_degree_of_freedom() -> None:
     # both ends on the ground: a triangle, assembled at the only angle that it can have
     angle = np.arccos((1.0 + CRANK**2 - 0.8**2) / (2 * CRANK))

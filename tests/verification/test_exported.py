@@ -22,6 +22,7 @@ from exported import (
 )
 from mpi4py import MPI
 from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
+from spatial import bars_of, slider_crank_in_space
 from two_coordinates import five_bar
 
 from pgmp_petsc.code.constants import constants_of
@@ -225,6 +226,21 @@ def test_space(tmp_path) -> None:
     scene, meshes = read_scene(tmp_path / "scene.toml", IN_SPACE, (), MPI.COMM_SELF, Purpose.CHECK)
     model = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+
+
+def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
+    scene = slider_crank_in_space(
+        'outputs={elbow={type="angle", joint="elbow"}}',
+        "reduction.angles=24",
+        'reduction.interpolation="spline"',
+        "simulation.initial.theta.velocity=100.0",
+        "simulation.duration=0.12",
+        "simulation.step=2.5e-4",
+    )
+    model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    wanted = simulated(model).outputs
+    assert wanted["elbow"][-1] < -1.5 * np.pi
+    assert_equal(outputs_of(compiled(model, tmp_path)), wanted)
 
 
 def test_names_of_kinds() -> None:

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.outputs.outputs import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene
 
 NAMES = ("first", "second", "third")
@@ -104,3 +105,14 @@ def test_flexible_it_moves_as_its_mesh() -> None:
     )
     for name, limit in (("x", 1e-4), ("y", 1e-4), ("turn", 1e-4), ("deformation", 1e-2)):
         assert np.abs(found[name] - exact[name]).max() < limit * np.abs(exact[name]).max(), name
+
+
+def test_configurations_that_cannot_close_leave_the_others_alone() -> None:
+    """A bent platform goes where the rigid one cannot: its deformation is no number there, and nothing else ends."""
+    kinematics = FullModel(platform(), read_meshes(platform())).kinematics
+    theta = np.repeat([[-0.876359184978, 1.218035917415, 3.312431019808]], 5, axis=0)
+    theta[3] = [-1.14237, -0.572915, 3.12684]
+    poses = poses_where_closed(kinematics, theta)
+    fine = np.delete(np.arange(5), 3)
+    assert np.isnan(poses[..., 3]).all()
+    np.testing.assert_array_equal(poses[..., fine], kinematics.poses(theta[fine]))

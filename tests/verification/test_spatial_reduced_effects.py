@@ -138,6 +138,23 @@ def test_a_coil_in_the_elbow_counts_the_turns_of_the_crank() -> None:
     np.testing.assert_allclose(stored, (rod - theta + 0.4975) ** 2, rtol=1e-6, atol=1e-9)
 
 
+def test_the_angle_of_the_elbow_counts_the_turns_of_the_crank() -> None:
+    """In both models alike, and within (-pi, pi] where the run starts, wherever that is."""
+    theta = np.linspace(-4.0 * np.pi, 6.0 * np.pi, 301)
+    exact = np.arcsin(-0.3 * np.sin(theta) / 0.7) - theta
+    for start, turns in ((0.0, 0), (2.9, 0), (3.4, 1), (12.0, 2)):
+        at_start = f"simulation.initial.theta.position={start}"
+        model = ReducedModel(slider_crank("coil", at_start), _rom("slider_crank"))
+        eta = np.zeros((theta.size, model.terms.layout.n_eta))
+        eta[:, 0] = theta
+        elbow = model.outputs.evaluate(model.observed_of(eta, {}))["elbow"]
+        np.testing.assert_allclose(elbow, exact + 2.0 * np.pi * turns, rtol=0, atol=1e-6)
+    scene = slider_crank("coil", "simulation.initial.theta.velocity=200.0", "simulation.step=5e-4")
+    full = simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_SELF)
+    assert full.outputs["angle"][-1] > 5.0 and np.abs(np.diff(full.outputs["elbow"])).max() < 1.0
+    assert full.outputs["elbow"][-1] == pytest.approx(-full.outputs["angle"][-1], abs=0.6)
+
+
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_newton_converges_with_every_effect(kind: str, name: str) -> None:
     model = reduced(kind, name)

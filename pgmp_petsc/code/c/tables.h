@@ -14,8 +14,8 @@ struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
 struct piece { double begin, origin, cubic[4], wave[3]; };
 /* A point of a body: slot of its node among the nodes of the tables, -1 on the ground; point and arm in its frame. */
 struct side { int slot, body; double point[D], arm[D]; };
-/* A statement about two points; `coordinate` is that whose angle it is, -1 of others. */
-struct statement { int kind, coordinate; double axes[3][D]; struct side a, b; };
+/* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
+struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
 /* A local effect: numbers of its nodes among those of the effects, -1 on the ground, law and number of its strength. */
 struct action { int a, b, law, strength; double winding[R]; struct statement statement; };
 struct output { int kind, axis, in_body; double origin; struct statement statement; };
