@@ -60,8 +60,9 @@ def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
         if isinstance(effect, kinds.Force) and effect.towards is not None:
             yield from _apart(scene, f"{entry}.towards", (effect.point, effect.towards))
         if isinstance(effect, (kinds.Torque, kinds.Force, kinds.PrescribedMotion)):
-            for part in parts_of(name, effect).values():
-                yield from _resolved_in_time(scene, entry, part)
+            # all parts of a harmonic have its frequency: what is wrong with it is said once
+            parts = parts_of(name, effect).values()
+            yield from dict.fromkeys(line for part in parts for line in _resolved_in_time(scene, entry, part))
         if isinstance(effect, kinds.StructuralDamping):
             yield from _damped_bodies(scene, entry, effect)
         if isinstance(effect, kinds.PrescribedMotion):

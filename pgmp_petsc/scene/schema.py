@@ -24,7 +24,7 @@ from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.random_fields import RandomField, field_problems
 from pgmp_petsc.scene.references import reference_problems
 from pgmp_petsc.scene.units import unit_problems
-from pgmp_petsc.scene.uses import uses_of
+from pgmp_petsc.scene.uses import Sign, uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 
@@ -130,7 +130,15 @@ class Scene(Table):
     @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
-        return frozenset(use.parameter for use in uses_of(self) if use.sign == "positive" and use.parameter is not None)
+        return self._of_signs("positive")
+
+    @property
+    def parameters_not_negative(self) -> frozenset[str]:
+        """Parameters that make no sense below zero: the positive ones, and those of damping and friction."""
+        return self._of_signs("positive", "not negative")
+
+    def _of_signs(self, *signs: Sign) -> frozenset[str]:
+        return frozenset(use.parameter for use in uses_of(self) if use.sign in signs and use.parameter is not None)
 
     @property
     def plain_effects(self) -> dict[str, Effect]:
