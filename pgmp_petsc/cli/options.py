@@ -10,7 +10,6 @@ from typing import NoReturn, TypeVar
 import click
 
 Command = TypeVar("Command", bound=Callable[..., object])
-LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
 
 
 class Whole(click.IntRange):
