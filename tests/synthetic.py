@@ -10,6 +10,9 @@ from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.results import (
     Band,
     Chance,
+    Derivatives,
+    Design,
+    Fit,
     Sensitivity,
     Ensemble,
     EstimatedErrors,
@@ -22,8 +25,13 @@ from pgmp_petsc.results import (
     Tradeoff,
     Trajectory,
 )
+from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
+from pgmp_petsc.results.design import DesignConstraint, DesignParameter
 from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES
 from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.fit import FittedOutput, FittedParameter
+from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.shard import Place, ShardSamples
 from pgmp_petsc.runtime.files import RunRecord
 
 SCENE = """
@@ -182,6 +190,70 @@ def statistics(values: np.ndarray) -> Statistics:
     """Return the statistics of the finite values; the others are missing."""
     fine = values[np.isfinite(values)]
     return describe(fine, 50, (0.05, 0.5, 0.95), values.size - fine.size)
+
+
+INSTANTS = np.linspace(0.0, 1.0, 60)
+ANGLE, BEND = 5.0 * INSTANTS**2, 1e-4 * np.sin(5.0 * INSTANTS)
+
+
+def derivatives() -> Derivatives:
+    """Return the derivatives of a run with two parameters."""
+    found = {"crank_angle": {"r1": -300.0 * INSTANTS, "c": 2.0 * INSTANTS}, "slider_deformation": {"r1": BEND, "c": 0.0 * INSTANTS}}
+    return Derivatives(
+        record(), INSTANTS, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
+        {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
+        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)}, np.diag([1.0, 0.0]),
+    )  # fmt: skip
+
+
+def fitted() -> Fit:
+    """Return a fit of two parameters, of which one is not identifiable."""
+    outputs = {
+        "crank_angle": FittedOutput("rad", ANGLE + 1e-3, ANGLE, 0.9 * ANGLE, 1e-3, True),
+        "slider_deformation": FittedOutput("m", BEND + 1e-6, BEND, 0.5 * BEND, 1e-6, False),
+    }
+    parameters = (
+        FittedParameter("r1", "m", 5.6e-3, 6.001e-3, 4.8e-6, 1e-3, 12e-3),
+        FittedParameter("c", "1", 0.02, 0.03, np.inf, 1e-3, 0.1),
+    )
+    return Fit(record(), INSTANTS, outputs, parameters, np.eye(2), 20, True)
+
+
+def designed() -> Design:
+    """Return a design of one parameter under one constraint."""
+    outputs = {"crank_angle": ANGLE, "slider_deformation": BEND}
+    return Design(
+        record(), "minimise max(abs(slider_deformation))", 1e-4, 5e-5,
+        (DesignParameter("r1", "m", 5.6e-3, 6.2e-3, 1e-3, 12e-3),),
+        (DesignConstraint("end(crank_angle) >= 4.5", -0.2, 0.0, True),),
+        np.array([[5.6e-3], [6.4e-3], [6.2e-3]]), np.array([1e-4, 4e-5, 5e-5]), None, 1, INSTANTS, outputs, outputs,
+        {"crank_angle": "rad", "slider_deformation": "m"}, True,
+    )  # fmt: skip
+
+
+def rare_event(n: int = 6) -> RareEvent:
+    """Return a rare event of subset simulation; the last sample failed."""
+    normal = np.linspace(1.0, 3.0, n)
+    value, status = 5.0 + normal, np.where(np.arange(n) < n - 1, 0, 2)
+    value[-1] = np.nan
+    levels = np.array([5.5, 6.5])
+    return RareEvent(
+        "reduced", record(seed=1), "end(crank_angle) > 6.5", "crank_angle", "rad", 0.95, 1e-4, np.array([5e-5, 2e-4]), 0.3,
+        2e-4, 12.0, levels, np.array([0.1, 0.01]), np.array([1.0, 0.4]), (levels, np.array([1e-2, 1e-4])), ("r1",),
+        normal[:, None], value, np.zeros(n), {"r1": 5.6e-3 + 5.6e-4 * normal}, status,
+    )  # fmt: skip
+
+
+def shard(n: int = 4) -> ShardSamples:
+    """Return the first of two shards; its last sample failed."""
+    fine = np.arange(n) < n - 1
+    columns = {
+        "parameters.r1": 5.6e-3 + 1e-4 * np.arange(n), "outputs.crank_angle": np.where(fine, 5.0, np.nan),
+        "status": np.where(fine, 0, 2), "failure_time": np.where(fine, np.nan, 0.4),
+    }  # fmt: skip
+    place = Place(1, 2, 2 * n, 0, {"scene": "1234"})
+    bands = {"crank_angle": np.ones((n, 3))}
+    return ShardSamples("reduced", record(seed=1), place, {"crank_angle": "rad"}, (), (), 0.01, (), columns, bands)
 
 
 def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduced: bool = True) -> ModesTable:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import atexit
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.ending import release_petsc
@@ -74,6 +75,16 @@ def _start(comm: MPI.Comm) -> None:
     start_petsc((), where)
     atexit.register(release_petsc, where)
     _seen_to.append("by a call")
+
+
+@contextmanager
+def untold() -> Iterator[None]:
+    """Log nothing of calls within the block, of which who calls them tells in a line."""
+    before, LOGGER.disabled = LOGGER.disabled, True
+    try:
+        yield
+    finally:
+        LOGGER.disabled = before
 
 
 def tell(comm: MPI.Comm, text: str) -> None:

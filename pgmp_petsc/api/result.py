@@ -10,13 +10,13 @@ from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed, form_of, is_table
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.scene import Scene, scene_from_toml
 
 if TYPE_CHECKING:
     import xarray
     from mpi4py import MPI
 
     from pgmp_petsc.runtime.files import RunRecord
+    from pgmp_petsc.scene import Scene
 
 
 class Result:
@@ -76,6 +76,8 @@ class Result:
     @property
     def scene(self) -> Scene:
         """The scene that it is of."""
+        from pgmp_petsc.scene import scene_from_toml  # takes a noticeable time, and tables of results need none
+
         return scene_from_toml(self.record.scene_toml, self.directory)
 
     def summary(self) -> dict[str, Any]:

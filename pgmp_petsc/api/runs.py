@@ -65,7 +65,9 @@ def simulate(
     with keeping("trajectory", comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm)
         data = simulated(prepared, comm)
-        run = keeper.result(data, origin.directory, prepared.scene.remarks)
+        # why it stopped, the first of its remarks, is the error
+        reason = data.record.remarks[:1] if data is not None and data.why_stopped else ()
+        run = keeper.result(data, origin.directory, (*prepared.scene.remarks, *reason))
     why = comm.bcast("" if data is None else data.why_stopped)
     if why:
         holds = "the error's result" if output is None else output

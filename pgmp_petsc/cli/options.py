@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import click
 
 Command = TypeVar("Command", bound=Callable[..., object])
-LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
 
 
 class Whole(click.IntRange):
@@ -21,7 +20,7 @@ class Whole(click.IntRange):
         try:
             number = int(value)
         except ValueError:
-            self.fail(f"{value!r} is not a whole number in the range {_shown(self)}", param, ctx)
+            _refuse(self, value, "whole number", param, ctx)
         return super().convert(number, param, ctx)
 
 
@@ -35,14 +34,21 @@ class Number(click.FloatRange):
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            self.fail(f"{str(value)!r} is not a number in the range {_shown(self)}", param, ctx)
+            _refuse(self, value, "number", param, ctx)
         return super().convert(number, param, ctx)
 
 
-def _shown(kind: click.IntRange | click.FloatRange) -> str:
-    """Return a range as click writes it: ``x>=2``, ``0<=x<=1``."""
+def _refuse(
+    kind: click.IntRange | click.FloatRange,
+    value: object,
+    what: str,
+    param: click.Parameter | None,
+    ctx: click.Context | None,
+) -> NoReturn:
+    """Refuse a word that is no number, with the range as click writes it: ``x>=2``, ``0<=x<=1``."""
     low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
-    return f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"
+    shown = f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"
+    kind.fail(f"{str(value)!r} is not a {what} in the range {shown}", param, ctx)
 
 
 def scene_options(command: Command) -> Command:

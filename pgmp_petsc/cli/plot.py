@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.options import LARGEST_SCALE, Number, files_argument
+from pgmp_petsc.api.films import LARGEST_SCALE
+from pgmp_petsc.cli.options import Number, files_argument
 from pgmp_petsc.cli.report import say_of_files
 
 

@@ -4,29 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.remarks import Remark
 
 if TYPE_CHECKING:
-    import h5py
-
     from pgmp_petsc.runtime.files import RunRecord
-    from pgmp_petsc.scene import Scene
-
-#: Adds what it holds to an open file.
-Part = Callable[["h5py.File"], None]
-
-
-class Writable(Protocol):
-    """A result with a file format."""
-
-    def write(self, path: Path, *parts: Part) -> None:
-        """Write the file, and what the parts add to it."""
 
 
 def say(context: click.Context, text: str) -> None:
@@ -35,16 +21,9 @@ def say(context: click.Context, text: str) -> None:
         click.echo(text)
 
 
-def say_remarks(context: click.Context, scene: Scene) -> None:
-    """Print what is doubtful about a scene on rank 0; not collective."""
-    for remark in scene.remarks:
-        say(context, f"  {remark}")
-        say_warning(context, remark)
-
-
 def say_warning(context: click.Context, remark: Remark) -> None:
-    """Print a warning on standard error on rank 0 where the session is quiet and has no report; not collective."""
-    if context.obj.quiet and not context.obj.has_report and context.obj.comm.rank == 0 and remark.kind == "warning":
+    """Print a warning on standard error on rank 0 where the session is quiet; not collective."""
+    if context.obj.quiet and context.obj.comm.rank == 0 and remark.kind == "warning":
         click.echo(f"pgmp: {remark}", err=True)
 
 
@@ -74,18 +53,3 @@ def say_of_files(
     """
     for line in (*on_root(context.obj.comm, write, files, *args), *on_root(context.obj.comm, stopped_runs, *files)):
         say(context, line)
-
-
-def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:
-    """Write a result that rank 0 holds, with further parts where its file takes them. Collective on all ranks."""
-
-    def writing_the_result() -> None:
-        from pgmp_petsc.results.tables import write_result  # loads h5py, which not every command needs
-
-        write_result(result, path, *parts)
-
-    on_root(context.obj.comm, writing_the_result)
-    if is_table(path):
-        say(
-            context, f"{path}: rows and columns alone; a file *.h5 has the scene, remarks, estimates and statistics too"
-        )

@@ -29,8 +29,6 @@ class Session:
 
     Attributes
     ----------
-    has_report : bool
-        Whether warnings are for a report, and `cli.report.say_warning` prints none.
     petsc_started : bool
         Whether PETSc was started for the command.
     """
@@ -39,7 +37,6 @@ class Session:
     petsc_options: Sequence[str] = ()
     quiet: bool = False
     json: bool = False
-    has_report: bool = field(default=False, init=False)
     petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:

@@ -39,8 +39,8 @@ class Outcome(IntEnum):
 
 _MEANINGS = {
     Status.FINE: "fine",
-    Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, not positive where "
-    "that is needed, or the lower end of a stop not below the upper one); not integrated",
+    Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, not positive, or "
+    "negative, where that makes no sense, or the lower end of a stop not below the upper one); not integrated",
     Status.NOT_CONVERGED: "Newton's iteration did not converge within a time step",
     Status.LEFT_RANGE: "a coordinate left the range, beyond which neither the reduced model nor a deformation "
     "is known",

@@ -47,7 +47,9 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
         If an effect names a point that its body's mesh does not have.
     """
     named = [
-        _MAKERS[entry.type](name, entry, mechanism) for name, entry in scene.effects.items() if entry.type in _MAKERS
+        _MAKERS[entry.type](name, entry, mechanism)
+        for name, entry in scene.plain_effects.items()
+        if entry.type in _MAKERS
     ]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))

@@ -140,6 +140,9 @@ def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene
         if name in scene.positive_parameters:
             for number in np.flatnonzero(values <= 0.0):
                 yield f"{place} {lines[number]}: {name} = {values[number]:g}; must be positive for what uses it"
+        elif name in scene.parameters_not_negative:
+            for number in np.flatnonzero(values < 0.0):
+                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must not be negative for what uses it"
     for name, lower, upper in stop_ends(scene):
         ends = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
         low, high = (np.broadcast_to(end, lines.shape) for end in ends)

@@ -227,8 +227,8 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples lie inside all bounds, finite, positive where that is needed, lower ends of stops below
-    upper ones."""
+    """Return which samples lie inside all bounds, finite, positive or not negative where that is needed, lower ends of
+    stops below upper ones."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])
@@ -236,6 +236,8 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
             fine &= (values[name] >= parameter.bounds[0]) & (values[name] <= parameter.bounds[1])
     for name in scene.positive_parameters:
         fine &= values[name] > 0.0
+    for name in scene.parameters_not_negative:
+        fine &= values[name] >= 0.0
     for _, lower, upper in stop_ends(scene):
         fine &= scene.number(lower, values) < scene.number(upper, values)
     return fine

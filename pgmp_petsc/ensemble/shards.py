@@ -27,6 +27,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 CHECKSUM = 64  # characters
+OUTPUTS = "outputs."  # before the names of columns that are outputs
 
 
 def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, timings: Timings) -> ShardSamples:
@@ -75,12 +76,25 @@ class Shards:
         self._n_samples = shards[0].place.n_samples
         ends = [shard.place.first for shard in self._shards[1:]] + [self._n_samples]
         for (path, shard), end in zip(ordered, ends):
-            n = len(shard.status)
+            n, fine = len(shard.status), shard.status == 0
             if n != end - shard.place.first:
                 raise InputError(
                     f"file '{path}' is damaged: {n} samples, not {end - shard.place.first}; write it again"
                 )
+            for name in shard.columns:
+                if name.startswith(OUTPUTS) and np.isnan(shard.columns[name][fine]).any():
+                    raise InputError(f"file '{path}' is damaged: {name} is NaN of samples that are fine; write it again")
+        self._check_instants([path for path, _ in ordered])
         self.remarks: tuple[Remark, ...] = tuple(remark for shard in self._shards for remark in shard.found)
+
+    def _check_instants(self, paths: Sequence[Path]) -> None:
+        """Raise `InputError` where the bands of a shard have other instants than those of the first."""
+        counts = {path: values.shape[1] for path, shard in zip(paths, self._shards) for values in _first(shard.bands)}
+        for path, n in counts.items():
+            if n != next(iter(counts.values())):
+                raise InputError(
+                    f"file '{path}' is damaged: bands at {n} instants, not {next(iter(counts.values()))}; write it again"
+                )
 
     def columns(self) -> Columns:
         """Return all samples as columns; raises `RunError` if the system fails to write them."""
@@ -147,3 +161,8 @@ def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
     absent = [f"{number}/{place.count}" for number in range(1, place.count + 1) if number not in known]
     if absent:
         raise InputError(f"missing: shard {', '.join(absent)}; give the files of all {place.count}")
+
+
+def _first(bands: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """Return the first of some arrays, none where there are none: those of a shard are alike."""
+    return [bands[name] for name in list(bands)[:1]]

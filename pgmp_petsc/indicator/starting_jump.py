@@ -28,6 +28,7 @@ from pgmp_petsc.models.model import AT_REST, search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene.effects import StructuralDamping
+from pgmp_petsc.scene.load_parts import parts_of
 
 LARGE = 0.5  # share of the largest deformation from which on a run is about its start
 CURED = 0.25  # share of the swing that a start from static deformation may leave
@@ -92,7 +93,8 @@ def _acting(model: ReducedModel, system: ReducedSystem, state: State) -> list[st
     if actions := model.actions.actions:
         forces = system.action_forces(at, np.array([[state.q, state.v, state.a]])).reshape(len(actions), -1)
         found |= {action.effect for action, own in zip(actions, forces) if np.any(own)}
-    return [f"effects.{name}" for name in model.scene.effects if name in found]
+    named = model.scene.effects.items()
+    return [f"effects.{name}" for name, effect in named if not found.isdisjoint(parts_of(name, effect))]
 
 
 def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: np.ndarray, energy: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -229,6 +230,9 @@ class ReducedOrderModel:
         kinematics = {"poses": branch.poses, "rates": branch.rates, "curvatures": branch.curvatures}
         _check_finite({f"kinematics/{name}": values for name, values in kinematics.items()}, filename)
         meshes = {name: take_shape(body) for name, body in file["mesh"].items()}
+        missing = [name for name in tomllib.loads(record.scene_toml).get("bodies", {}) if name not in meshes]
+        if missing:
+            raise InputError(f"file '{filename}' has no mesh/{missing[0]}, a body of its scene; build it again")
         n_modes, curvature = tables.n_modes, None
         projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
         if tables.second_order is not None:

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.layout import check_shape, put_named, take_known, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 if TYPE_CHECKING:
@@ -203,20 +203,20 @@ class Derivatives:
     def read(cls, path: str | os.PathLike[str]) -> Derivatives:
         """Read a file; raises `InputError` where it is not a whole one."""
         with open_file(path, KIND) as file, shapes_of(file):
-            outputs = take_named(file, "outputs", 1)
+            outputs = take_named(file, "outputs", 1, take_known)
             names = json.loads(file.attrs["parameters_differentiated"])
             changes = {}
             for name in names:
-                changes[name] = float(take(file, f"changes/{name}", 0)), str(file[f"changes/{name}"].attrs["what"])
-            found = {output: take_named(file, f"derivatives/{output}", 1) for output in outputs}
+                changes[name] = float(take_known(file, f"changes/{name}", 0)), str(file[f"changes/{name}"].attrs["what"])
+            found = {output: take_named(file, f"derivatives/{output}", 1, take_known) for output in outputs}
             return cls(
                 RunRecord.read(file),
-                take(file, "time", 1),
+                take_known(file, "time", 1),
                 outputs,
                 {output: {name: found[output][name] for name in names} for output in outputs},
                 units_of(file, "outputs", "changes"),
                 changes,
-                take(file, "correlation", 2),
+                take_known(file, "correlation", 2),
                 int(file.attrs["steps_divided"]),
                 _contacts_of(file["contacts"]) if "contacts" in file else None,
             )
@@ -227,7 +227,7 @@ def _contacts_of(group: h5py.Group) -> Instants:
     return Instants(
         tuple(name.decode() for name in take(group, "effects", 1, texts=True)),
         take(group, "met", 1).astype(bool),
-        take(group, "time", 1),
-        take(group, "turning", 1),
-        take(group, "derivatives", 2),
+        take_known(group, "time", 1),
+        take_known(group, "turning", 1),
+        take_known(group, "derivatives", 2),
     )

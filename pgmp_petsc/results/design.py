@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.layout import check_shape, put_named, take_known, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 KIND = "design"
@@ -139,22 +139,22 @@ class Design:
             names, units, texts = (
                 json.loads(file.attrs[key]) for key in ("parameters_designed", "units", "constraints")
             )
-            rows = [take(file, "starts", 1), take(file, "values", 1), *take(file, "limits", 2).T]
-            missed, active = take(file, "constraints", 2), take(file, "active", 1)
+            rows = [take_known(file, "starts", 1), take_known(file, "values", 1), *take_known(file, "limits", 2).T]
+            missed, active = take_known(file, "constraints", 2), take(file, "active", 1)
             deviations = float(file.attrs["deviations"])
             return cls(
                 RunRecord.read(file),
                 str(file.attrs["goal"]),
-                *map(float, take(file, "goal", 1)),
+                *map(float, take_known(file, "goal", 1)),
                 tuple(DesignParameter(*words, *map(float, row)) for *words, row in zip(names, units, np.array(rows).T)),
                 tuple(DesignConstraint(t, *map(float, m), bool(a)) for t, m, a in zip(texts, missed, active)),
-                take(file, "search/designs", 2),
+                take_known(file, "search/designs", 2),
                 take(file, "search/goal", 1),
                 None if np.isnan(deviations) else deviations,
                 int(file.attrs["n_samples"]),
-                take(file, "time", 1),
-                take_named(file, "begun", 1),
-                take_named(file, "designed", 1),
+                take_known(file, "time", 1),
+                take_named(file, "begun", 1, take_known),
+                take_named(file, "designed", 1, take_known),
                 units_of(file, "designed"),
                 bool(file.attrs["converged"]),
             )

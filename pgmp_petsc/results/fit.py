@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.layout import check_shape, put_named, take_known, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 KIND = "fit"
@@ -124,20 +124,20 @@ class Fit:
         """Read a file; raises `InputError` where it is not a whole one."""
         with open_file(path, KIND) as file, shapes_of(file):
             names, units = (json.loads(file.attrs[key]) for key in ("parameters_fitted", "units"))
-            rows = [take(file, name, 1) for name in ("starts", "estimates", "standard_errors")]
-            rows += list(take(file, "limits", 2).T)
-            found = {what: take_named(file, what, 1) for what in ("measured", "fitted", "begun")}
+            rows = [take_known(file, name, 1) for name in ("starts", "estimates", "standard_errors")]
+            rows += list(take_known(file, "limits", 2).T)
+            found = {what: take_named(file, what, 1, take_known) for what in ("measured", "fitted", "begun")}
             of_outputs = units_of(file, "measured")
             outputs = {
                 name: FittedOutput(
-                    of_outputs[name], *(found[what][name] for what in found), float(take(file, f"noise/{name}", 0)),
+                    of_outputs[name], *(found[what][name] for what in found), float(take_known(file, f"noise/{name}", 0)),
                     bool(file[f"noise/{name}"].attrs["given"]),
                 )
                 for name in found["measured"]
             }  # fmt: skip
             return cls(
                 RunRecord.read(file),
-                take(file, "time", 1),
+                take_known(file, "time", 1),
                 outputs,
                 tuple(FittedParameter(*words, *map(float, row)) for *words, row in zip(names, units, np.array(rows).T)),
                 take(file, "correlation", 2),

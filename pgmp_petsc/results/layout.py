@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,14 @@ def check_model(model: str) -> None:
         raise ValueError(f"model is '{model}'; allowed: {', '.join(MODELS)}")
 
 
+def take_known(group: h5py.Group, name: str, n_dimensions: int) -> np.ndarray:
+    """Read a dataset in which no number may be missing; raises `ValueError` where one is NaN."""
+    data = take(group, name, n_dimensions)
+    if np.isnan(data).any():
+        raise ValueError(f"dataset '{group.name.rstrip('/')}/{name}' holds NaN, which no number of it can be")
+    return data
+
+
 def put_named(
     file: h5py.File, group: str, arrays: Mapping[str, np.ndarray], units: Mapping[str, str], description: str
 ) -> None:
@@ -38,9 +46,11 @@ def put_named(
         put(target, name, data, units.get(name, "1"), description.format(name=name))
 
 
-def take_named(file: h5py.File, group: str, n_dimensions: int) -> dict[str, np.ndarray]:
+def take_named(
+    file: h5py.File, group: str, n_dimensions: int, read: Callable[[h5py.Group, str, int], np.ndarray] = take
+) -> dict[str, np.ndarray]:
     """Read all arrays of a group, in the order of writing; an absent group is an empty one."""
-    return {name: take(file[group], name, n_dimensions) for name in file.get(group, {})}
+    return {name: read(file[group], name, n_dimensions) for name in file.get(group, {})}
 
 
 def units_of(file: h5py.File, *groups: str) -> dict[str, str]:

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named
+from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_known, take_named
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 if TYPE_CHECKING:
@@ -137,11 +137,13 @@ class RareEvent:
                 interval=take(chance, "interval", 1),
                 curve=(take(file["curve"], "value", 1), take(file["curve"], "probability", 1)),
                 names=tuple(str(name) for name in file.attrs["parameters_drawn"]),
-                normal=take(samples, "normal", 2),
-                parameters=take_named(file, "parameters", 1),
+                normal=take_known(samples, "normal", 2),
+                parameters=take_named(file, "parameters", 1, take_known),
                 status=take(file, "status", 1),
                 **{name: str(file.attrs[name]) for name in ("model", "event", "output")},
                 **{name: float(take(chance, name, 0)) for name in scalars},
-                **{name: take(levels, name, 1) for name in ("threshold", "share", "accepted")},
-                **{name: take(samples, name, 1) for name in ("value", "weight")},
+                **{name: take_known(levels, name, 1) for name in ("threshold", "share")},
+                accepted=take(levels, "accepted", 1),
+                value=take(samples, "value", 1),
+                weight=take_known(samples, "weight", 1),
             )

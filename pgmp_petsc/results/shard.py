@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_model
+from pgmp_petsc.results.layout import check_model, take_known
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 from pgmp_petsc.runtime.remarks import Remark, from_json, to_json
 
@@ -109,6 +109,7 @@ class ShardSamples:
             _put_all(file, "bands", self.bands, "over time, one sample a row")
 
 
+PARAMETERS = "parameters."  # before the names of columns that are parameters
 REMARKS = ("not_estimated", "file_remarks", "found")
 
 
@@ -128,6 +129,7 @@ def read_shard(path: str | os.PathLike[str]) -> Iterator[ShardSamples]:
             check_model(model)
             remarks = {name: from_json(file.attrs[name]) for name in REMARKS}
             columns, bands = _Stored(file, "columns", 1), _Stored(file, "bands", 2)
+            _check(columns, bands, units)
             shard = ShardSamples(
                 model, RunRecord.read(file), place, units, checked_share=float(file.attrs["checked_share"]),
                 columns=columns, bands=bands, **remarks,
@@ -142,15 +144,34 @@ def _put_all(file: h5py.File, group: str, arrays: Mapping[str, np.ndarray], abou
         put(target, name.replace("/", ":"), values, "SI", f"{name} {about}")
 
 
+def _check(columns: _Stored, bands: _Stored, units: object) -> None:
+    """Raise `ValueError` unless columns are of the same samples, and bands of the first of them at the same instants."""
+    if not isinstance(units, dict):
+        raise ValueError(f"units are {units!r}; needed: one of every output")
+    n, lengths = columns.shape_of("status"), {columns.shape_of(name) for name in columns}
+    if len(n) != 1 or lengths != {n}:
+        raise ValueError(f"columns of samples have shapes {sorted(lengths)}; needed: one length")
+    shapes = {bands.shape_of(name) for name in bands}
+    if len(shapes) > 1 or any(len(shape) != 2 or shape[0] > n[0] for shape in shapes):
+        raise ValueError(f"bands have shapes {sorted(shapes)}; needed: one, of at most {n[0]} rows")
+
+
 class _Stored(Mapping[str, np.ndarray]):
     """Arrays of a group, read when they are asked for."""
 
     def __init__(self, file: h5py.File, group: str, n_dimensions: int) -> None:
         self._file, self._group, self._n_dimensions = file, file[group], n_dimensions
+        if not isinstance(self._group, h5py.Group):
+            raise TypeError(f"'/{group}' is no group")
 
     def __getitem__(self, name: str) -> np.ndarray:
         with shapes_of(self._file):
-            return take(self._group, name.replace("/", ":"), self._n_dimensions)
+            read = take_known if name.startswith(PARAMETERS) else take
+            return read(self._group, name.replace("/", ":"), self._n_dimensions)
+
+    def shape_of(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an array without reading it."""
+        return self._group[name.replace("/", ":")].shape
 
     def __iter__(self) -> Iterator[str]:
         return (name.replace(":", "/") for name in self._group)

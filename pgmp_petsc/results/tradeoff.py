@@ -324,6 +324,8 @@ class Tradeoff:
         """Read a file; raises `InputError` where it is not a whole trade-off study."""
         with open_file(path, "tradeoff") as file, shapes_of(file):
             settings = file["settings"]
+            if not isinstance(settings, h5py.Group):  # a data set is gone through number by number
+                raise TypeError("'/settings' is no group")
             names = [name for name in settings if name not in ("family", "flags", "reason")]
             missing = set(_NEEDED) - set(names)
             if missing:

@@ -239,13 +239,15 @@ def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5p
 
 
 @contextmanager
-def shapes_of(file: h5py.File, cure: str = WRITE_AGAIN) -> Iterator[None]:
-    """Turn what does not fit together in a file that is being read into an `InputError`, which ends with the cure."""
+def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]:
+    """Turn what does not fit together in a file that is being read, or was, into an `InputError`, which ends with the
+    cure."""
     try:
         yield
     except _MISFITS as error:
         reason = error.args[0] if error.args else type(error).__name__
-        raise InputError(f"file '{file.filename}' is damaged: {reason}; {cure}") from error
+        name = file if isinstance(file, Path) else file.filename
+        raise InputError(f"file '{name}' is damaged: {reason}; {cure}") from error
 
 
 def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:

@@ -21,6 +21,7 @@ from pgmp_petsc.scene.fields import (
     Vector,
     at_most,
     exactly_one,
+    no_parameter,
     refusal,
 )
 from pgmp_petsc.scene.matrices import Matrices
@@ -32,7 +33,12 @@ class Material(Table):
     """An isotropic linear elastic material."""
 
     E: PositiveOrParameter = Field(description="Young's modulus (Pa), a number or a parameter's name")
-    nu: Number = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
+    nu: Annotated[
+        Number,
+        no_parameter(
+            "stiffness is no sum of products of parameters with it; build once for each value (--override)"
+        ),
+    ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
     rho: PositiveOrParameter = Field(description="density (kg/m3), a number or a parameter's name")
 
 

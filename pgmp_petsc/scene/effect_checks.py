@@ -11,6 +11,7 @@ import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.impulses import impulse_of
 from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic, Revolute, are_parallel
+from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import stop_ends
 
@@ -59,7 +60,9 @@ def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
         if isinstance(effect, kinds.Force) and effect.towards is not None:
             yield from _apart(scene, f"{entry}.towards", (effect.point, effect.towards))
         if isinstance(effect, (kinds.Torque, kinds.Force, kinds.PrescribedMotion)):
-            yield from _resolved_in_time(scene, entry, effect)
+            # all parts of a harmonic have its frequency: what is wrong with it is said once
+            parts = parts_of(name, effect).values()
+            yield from dict.fromkeys(line for part in parts for line in _resolved_in_time(scene, entry, part))
         if isinstance(effect, kinds.StructuralDamping):
             yield from _damped_bodies(scene, entry, effect)
         if isinstance(effect, kinds.PrescribedMotion):

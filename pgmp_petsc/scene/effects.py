@@ -18,23 +18,45 @@ from pgmp_petsc.scene.fields import (
     PositiveOrParameter,
     Table,
     exactly_one,
+    no_parameter,
     refusal,
 )
-from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
+from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, LoadHarmonic, LoadTable, SpinUp, TimeTable
 
-TABLE = "rows [time (s), value]; linear between rows, constant before and after them"
+TABLE = (
+    "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
+    "name"
+)
 
 
 class _OverTime(Table):
     """What acts with a given strength over time."""
 
-    table: TimeTable | None = Field(None, description=TABLE)
-    harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
+    table: LoadTable | None = Field(None, description=TABLE)
+    harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
     scale: NumberOrParameter = Field(1.0, description="factor on it, a number or a parameter's name")
+
+    @property
+    def parameters_over_time(self) -> tuple[str, ...]:
+        """The parameters that values of its function of time name, each once."""
+        return tuple(dict.fromkeys(value for _, value in self.values_over_time if isinstance(value, str)))
+
+    @property
+    def values_over_time(self) -> tuple[tuple[str, float | str], ...]:
+        """The values of its function of time with the entries that they are in, under the effect's."""
+        if self.harmonic is not None:
+            return tuple((f"harmonic.{key}", getattr(self.harmonic, key)) for key in ("amplitude", "mean"))
+        return tuple((f"table[{row}]", value) for row, (_, value) in enumerate(self.table or ()))
 
     @model_validator(mode="after")
     def _one_function(self) -> Self:
         exactly_one(self, "table", "harmonic")
+        if isinstance(self.scale, str) and self.parameters_over_time:
+            raise refusal(
+                f"a number is needed: values over time name {', '.join(self.parameters_over_time)}, and loads are "
+                "affine in their parameters; give these values numbers, or leave the scale out",
+                "scale",
+            )
         return self
 
 
@@ -170,16 +192,24 @@ class Bushing(Table):
         return self
 
 
+_OF_DAMPING = no_parameter(
+    "matrices of structural damping are made once for all samples; build once for each value (--override), or damp "
+    "joints, springs or bushings, whose coefficients may be parameters"
+)
+
+
 class StructuralDamping(Table):
     """Damping within the bodies: Rayleigh's, or ratios of the modes of each free body."""
 
     type: Literal["structural_damping"]
     bodies: tuple[Name, ...] | None = Field(None, min_length=1, description="names of bodies; all if not given")
-    stiffness: NotNegative = Field(
+    stiffness: Annotated[NotNegative, _OF_DAMPING] = Field(
         0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
     )
-    mass: NotNegative = Field(0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)")
-    ratios: tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...] = Field(
+    mass: Annotated[NotNegative, _OF_DAMPING] = Field(
+        0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
+    )
+    ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(
         (), description="damping ratios of the first elastic modes of each free body"
     )
 

@@ -114,13 +114,17 @@ def _number_or_parameter(value: object) -> object:
     return value
 
 
-def _no_parameter(value: object) -> object:
-    if isinstance(value, str) or isinstance(value, (list, tuple)) and any(isinstance(part, str) for part in value):
-        raise refusal(
-            "numbers are needed, no parameter: it moves the axes of a body's frame alone, and no mechanism; the length "
-            "of a line and places of ground.points may be parameters"
-        )
-    return value
+def no_parameter(why: str) -> BeforeValidator:
+    """Return the check of an entry that is a number, or numbers, alone: a name is refused with why, and the cure."""
+
+    def check(value: object) -> object:
+        parts = value if isinstance(value, (list, tuple)) else (value,)
+        parts = [one for part in parts for one in (part if isinstance(part, (list, tuple)) else (part,))]
+        if any(isinstance(part, str) for part in parts):
+            raise refusal(f"numbers are needed, no parameter: {why}")
+        return value
+
+    return BeforeValidator(check)
 
 
 def _positive_or_parameter(value: object) -> object:
@@ -144,6 +148,13 @@ def _two_numbers(value: object) -> object:
 def _two_or_three_numbers(value: object) -> object:
     if not (isinstance(value, (list, tuple)) and len(value) in (2, 3) and all(map(is_number, value))):
         raise refusal("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]")
+    return value
+
+
+def _number_and_number_or_parameter(value: object) -> object:
+    fine = isinstance(value, (list, tuple)) and len(value) == 2
+    if not (fine and is_number(value[0]) and (isinstance(value[1], str) or is_number(value[1]))):
+        raise refusal("a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]")
     return value
 
 
@@ -220,10 +231,23 @@ PositiveNumber = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 #: Two finite numbers (x, y).
 Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers), AfterValidator(_sensible_numbers)]
+#: A time (s), and a number or the name of a parameter.
+Row = Annotated[
+    tuple[float, float | str],
+    BeforeValidator(_number_and_number_or_parameter),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "prefixItems": [{"type": "number"}, _either().json_schema]}),
+]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
 #: A place along a line (m) that no parameter can be.
-Along = Annotated[Number, BeforeValidator(_no_parameter)]
+Along = Annotated[
+    Number,
+    no_parameter(
+        "it moves the axes of a body's frame alone, and no mechanism; the length of a line and places of ground.points "
+        "may be parameters"
+    ),
+]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
 Vector = Annotated[
     tuple[float, ...],

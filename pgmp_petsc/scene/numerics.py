@@ -6,7 +6,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Angle, Integer, Number, NumberOrParameter, PositiveNumber, Table, at_most, refusal
+from pgmp_petsc.scene.fields import (
+    Angle,
+    Integer,
+    Number,
+    NumberOrParameter,
+    PositiveNumber,
+    Table,
+    at_most,
+    no_parameter,
+    refusal,
+)
 
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
@@ -94,7 +104,13 @@ class Reduction(Table):
 class InitialState(Table):
     """Where a coordinate starts."""
 
-    position: Angle = Field(0.0, description="angle at the start (rad)")
+    position: Annotated[
+        Angle,
+        no_parameter(
+            "displacements, and the turns of angles, count from one place for all samples; run once for each position "
+            "(--override), or start from one place with a velocity, which may be a parameter"
+        ),
+    ] = Field(0.0, description="angle at the start (rad)")
     velocity: NumberOrParameter = Field(
         0.0, description="angular velocity at the start (rad/s), a number or a parameter's name"
     )

@@ -16,6 +16,7 @@ from pgmp_petsc.scene.ensemble import Ensemble, ensemble_problems
 from pgmp_petsc.scene.fields import Name, Number, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.lengths import length_problems
+from pgmp_petsc.scene.load_parts import part_problems, parts_of
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import Initial, InitialState, Reduction, Reference, Simulation
 from pgmp_petsc.scene.outputs import Output
@@ -23,7 +24,7 @@ from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.random_fields import RandomField, field_problems
 from pgmp_petsc.scene.references import reference_problems
 from pgmp_petsc.scene.units import unit_problems
-from pgmp_petsc.scene.uses import uses_of
+from pgmp_petsc.scene.uses import Sign, uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 
@@ -129,7 +130,20 @@ class Scene(Table):
     @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
-        return frozenset(use.parameter for use in uses_of(self) if use.sign == "positive" and use.parameter is not None)
+        return self._of_signs("positive")
+
+    @property
+    def parameters_not_negative(self) -> frozenset[str]:
+        """Parameters that make no sense below zero: the positive ones, and those of damping and friction."""
+        return self._of_signs("positive", "not negative")
+
+    def _of_signs(self, *signs: Sign) -> frozenset[str]:
+        return frozenset(use.parameter for use in uses_of(self) if use.sign in signs and use.parameter is not None)
+
+    @property
+    def plain_effects(self) -> dict[str, Effect]:
+        """The effects with loads whose functions of time hold numbers alone; see `load_parts`."""
+        return {part: plain for name, effect in self.effects.items() for part, plain in parts_of(name, effect).items()}
 
     def path_of(self, mesh: str) -> Path:
         """Return the path of a body's mesh file, which a scene gives relative to its own directory."""
@@ -192,6 +206,7 @@ class Scene(Table):
             *correlation_problems(self),
             *field_problems(self),
             *length_problems(self),
+            *part_problems(self),
             *ensemble_problems(self),
             *unit_problems(self, given),
         ]

@@ -54,6 +54,6 @@ def _levels(scene: Scene, name: str) -> tuple[float, float]:
     if parameter.distribution is None:
         low, high = parameter.bounds
         return (LEAST_SHARE * parameter.nominal if name in scene.positive_parameters and low <= 0.0 else low), high
-    least = 0.0 if name in scene.positive_parameters else -np.inf
+    least = 0.0 if name in scene.parameters_not_negative else -np.inf
     low, high = parameter.quantiles(np.array([OUTERMOST, 1.0 - OUTERMOST]), least)
     return float(low), float(high)

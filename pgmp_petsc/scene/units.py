@@ -54,6 +54,7 @@ SI: dict[str, Dimension] = {
     "kg m2": (1, 2, 0),
     "kg/m3": (1, -3, 0),
 }
+ANGULAR = ("rad", "deg", "\N{DEGREE SIGN}", "rpm", "rev", "turn", "gon", "arcmin", "arcsec")  # in units with angles
 BASE = ("[mass]", "[length]", "[time]")
 LONGEST = 40  # characters of a unit
 ROUNDING = 1e-14  # by which a factor of pint may miss a whole number
@@ -88,7 +89,7 @@ def convert_parameters(data: dict[str, Any]) -> dict[str, str]:
             factor, dimension = measure(unit)
         except UnknownUnit:
             continue
-        label = next((label for label, known in SI.items() if known == dimension), None)
+        label = _label(unit, dimension)
         if label is not None and _plain(unit) not in _plain_names():
             given[name] = unit
             parameters[name] = _in_si(parameter, factor) | {"unit": label}
@@ -162,6 +163,15 @@ def measure(unit: str) -> tuple[float, Dimension]:
 def _allowed(uses: list[Use]) -> set[Dimension]:
     """Return the dimensions that all uses take."""
     return set.intersection(*({SI[unit] for unit in use.units} for use in uses)) if uses else set()
+
+
+def _label(unit: str, dimension: Dimension) -> str | None:
+    """Return the SI unit of a dimension, with angles where `unit` has them; None where scenes hold no such numbers."""
+    fitting = [label for label, known in SI.items() if known == dimension]
+    if len(fitting) > 1:
+        angular = any(turn in _plain(unit) for turn in ANGULAR)
+        fitting.sort(key=lambda label: ("rad" in label) != angular)
+    return next(iter(fitting), None)
 
 
 def _contradiction(name: str, uses: list[Use]) -> str:

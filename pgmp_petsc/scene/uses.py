@@ -139,6 +139,10 @@ def uses_of(scene: Scene) -> Iterator[Use]:
             for value in found if isinstance(found, tuple) else (found,):
                 if value is not None:
                     yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
+        if isinstance(effect, (kinds.Torque, kinds.Force)):
+            unit = "N m" if isinstance(effect, kinds.Torque) else "N"
+            for entry, value in effect.values_over_time:
+                yield Use(f"effects.{name}.{entry}", value, "any", (unit,))
 
 
 def stop_ends(scene: Scene) -> Iterator[tuple[str, float | str, float | str]]:

@@ -172,7 +172,7 @@ def _cure_of_sudden_loads(scene: Scene) -> list[str]:
     """Return what sets in at once at the start, and what spares the bodies that jolt."""
     rests = scene.initial.equilibrium and scene.initial.coordinates == "free"
     weights = [] if rests else [name for name, effect in scene.effects.items() if isinstance(effect, Gravity)]
-    acting = {name: effect for name, effect in scene.effects.items() if isinstance(effect, (Torque, Force))}
+    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, (Torque, Force))}
     sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
     cures = []
     if weights:

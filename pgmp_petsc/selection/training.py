@@ -19,7 +19,7 @@ import numpy as np
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Force, PrescribedMotion, Torque
-from pgmp_petsc.scene.time_functions import Harmonic
+from pgmp_petsc.scene.time_functions import LoadHarmonic
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
 PULSE = 1.6
@@ -28,7 +28,7 @@ OF_REDUCTION = ", for basis and interpolation"
 N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
 
 Table = tuple[tuple[float, float], ...]
-OverTime = Table | Harmonic
+OverTime = Table | LoadHarmonic
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class Load:
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
         """Return the scene under these loads, times a factor."""
-        effects = dict(scene.effects)
+        effects = scene.plain_effects
         for name, function in self.functions.items():
             scaled = _scaled(function, factor)
-            table, harmonic = (None, scaled) if isinstance(scaled, Harmonic) else (scaled, None)
+            table, harmonic = (None, scaled) if isinstance(scaled, LoadHarmonic) else (scaled, None)
             effects[name] = effects[name].model_copy(update={"table": table, "harmonic": harmonic})
         return scene.model_copy(update={"effects": effects})
 
@@ -109,7 +109,7 @@ class Training:
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first; of torques and forces over time alone."""
-    acting = {name: effect for name, effect in scene.effects.items() if isinstance(effect, (Torque, Force))}
+    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, (Torque, Force))}
     own = {name: effect.table or effect.harmonic for name, effect in acting.items()}
     peaks = {name: _peak(function) for name, function in own.items()}
     loads = [Load("own", "the scene's own loads", own, True)]
@@ -117,13 +117,13 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
         return tuple(loads)
     pulse = {name: _pulse(function, scene.simulation.duration) for name, function in own.items()}
     gentle = all(_steepness(pulse[name]) <= HASTE * _steepness(own[name]) for name in own)
-    harmonic = [isinstance(function, Harmonic) for function in own.values()]
+    harmonic = [isinstance(function, LoadHarmonic) for function in own.values()]
     sine = f"a half sine over the run, {PULSE:g} times the largest {_kinds(acting.values())}"
     about = [] if all(harmonic) else [sine]
     about += [f"harmonics {PULSE:g} times as large"] if any(harmonic) else []
     loads.append(Load("pulse", ", ".join(about) + ("" if gentle else OF_REDUCTION), pulse, gentle))
     quick = {name: _hastened(function) for name, function in own.items()}
-    if any(isinstance(f, Harmonic) or len({value for _, value in f}) > 1 for f in quick.values()):
+    if any(isinstance(f, LoadHarmonic) or len({value for _, value in f}) > 1 for f in quick.values()):
         about = f"the scene's {_kinds(acting.values(), 's')} {HASTE:g} times as fast"
         loads.append(Load("quick", about + OF_REDUCTION, quick, False))
     return tuple(loads)
@@ -131,7 +131,7 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
 
 def sets_in_at_once(function: OverTime) -> bool:
     """Return whether a torque or force is not zero at the start."""
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         return function.mean + function.amplitude * np.sin(function.phase) != 0.0
     time, value = np.array(function, dtype=float).T
     return bool(np.interp(0.0, time, value) != 0.0)
@@ -144,7 +144,7 @@ def _kinds(effects: Iterable[Torque | Force], plural: str = "") -> str:
 
 
 def _scaled(function: OverTime, factor: float) -> OverTime:
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         larger = {"amplitude": factor * function.amplitude, "mean": factor * function.mean}
         return function.model_copy(update=larger)
     return tuple((time, factor * value) for time, value in function)
@@ -152,21 +152,21 @@ def _scaled(function: OverTime, factor: float) -> OverTime:
 
 def _peak(function: OverTime) -> float:
     """Return the value of largest size, with its sign."""
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         return abs(function.amplitude) + abs(function.mean)
     return max((value for _, value in function), key=abs)
 
 
 def _pulse(function: OverTime, duration: float) -> OverTime:
     """Return a half sine over the run in place of a table, and a harmonic that is as much larger."""
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         return _scaled(function, PULSE)
     largest = PULSE * _peak(function)
     return tuple((float(duration * x), float(largest * np.sin(np.pi * x))) for x in np.linspace(0.0, 1.0, N_ROWS))
 
 
 def _hastened(function: OverTime) -> OverTime:
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         return function.model_copy(update={"frequency_hz": HASTE * function.frequency_hz})
     return tuple((time / HASTE, value) for time, value in function)
 
@@ -175,7 +175,7 @@ def _steepness(function: OverTime) -> float:
     """Return the largest slope over time, N m/s or N/s; infinite where it does not begin at zero."""
     if sets_in_at_once(function):
         return np.inf
-    if isinstance(function, Harmonic):
+    if isinstance(function, LoadHarmonic):
         return float(2.0 * np.pi * function.frequency_hz * abs(function.amplitude))
     time, value = np.array(function, dtype=float).T
     slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)

@@ -24,6 +24,7 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.load_parts import parts_of
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
@@ -183,8 +184,8 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
     lines = []
     for name, effect in scene.effects.items():
         counts = {
-            "load term": sum(load.effect == name for load in loads),
-            "local force": sum(action.effect == name for action in actions),
+            "load term": sum(load.effect in parts_of(name, effect) for load in loads),
+            "local force": sum(action.effect in parts_of(name, effect) for action in actions),
         }
         adds = [f"{n} {what}{'s' if n != 1 else ''}" for what, n in counts.items() if n]
         lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
@@ -210,7 +211,9 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
         acting |= {action.effect} if acts else set()
     if not acting:
         return []
-    names = ", ".join(name for name in scene.effects if name in acting)
+    names = ", ".join(
+        name for name, effect in scene.effects.items() if not acting.isdisjoint(parts_of(name, effect))
+    )
     return [
         f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "
         "twice as far; where the mechanism is held or driven, initial.equilibrium = true starts with it"

@@ -39,6 +39,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
@@ -150,7 +151,7 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
             share = scene.number(effect.mass) / run.mass
             sizes.append(EffectSize(name, effect.type, share, True, "of all masses"))
         else:
-            work = run.balance.work.get(name, np.zeros(1))
+            work = sum((run.balance.work.get(part, np.zeros(1)) for part in parts_of(name, effect)), np.zeros(1))
             share = float(np.max(np.abs(work))) / exchanged if exchanged else 0.0
             keeps = share > tolerance or effect.type in CAUSES
             sizes.append(EffectSize(name, effect.type, share, keeps, "its work, of the energy moved around"))

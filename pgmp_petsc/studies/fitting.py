@@ -137,6 +137,8 @@ def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
         low, high = (min(ends), max(ends)) if value else (-1.0, 1.0)
     if name in scene.positive_parameters:
         low = max(low, 1e-3 * abs(scene.nominal[name]))
+    elif name in scene.parameters_not_negative:
+        low = max(low, 0.0)
     return min(low, value), max(high, value)
 
 

@@ -134,11 +134,12 @@ def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
     for table in BUILT:
         if getattr(built, table) != getattr(scene, table):
             _refuse(table, name)
-    if built.effects.keys() != scene.effects.keys():
+    then, now = built.plain_effects, scene.plain_effects
+    if then.keys() != now.keys():
         _refuse("effects", name)
-    for key, effect in scene.effects.items():
+    for key, effect in now.items():
         free = {entry: getattr(effect, entry) for entry in OF_EFFECTS.get(effect.type, ())}
-        if type(built.effects[key]) is not type(effect) or built.effects[key].model_copy(update=free) != effect:
+        if type(then[key]) is not type(effect) or then[key].model_copy(update=free) != effect:
             _refuse(f"effects.{key}", name)
     if built.parameters.keys() != scene.parameters.keys():
         _refuse("parameters", name)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import LinAlgError, eigh
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
@@ -108,7 +108,14 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     stiffness = np.zeros_like(mass)
     stiffness[free.size :, free.size :] = at_theta(tables.stiffness_weights, tables.stiffness)
     scale = 1.0 / np.sqrt(np.diag(mass))  # coordinates have units of their own
-    values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
+    try:
+        values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
+    except LinAlgError as error:
+        place = ", ".join(f"{c.name} = {angle:g}" for c, angle in zip(model.kinematics.coordinates, theta))
+        raise InputError(
+            f"--at {place}: the interpolated mass matrix is not positive definite there; build with more "
+            'reduction.angles, fewer modes, or interpolation = "spline", or take a sampled angle'
+        ) from error
     return np.sqrt(np.maximum(values[free.size :], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, free.size :]
 
 

@@ -219,7 +219,7 @@ class _Figures:
             drawn, bounds, low, high = self._offsets[name], self._ends[name], *limits
             if bounds is not None:
                 low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
-            elif name in scene.positive_parameters:
+            elif name in scene.parameters_not_negative:
                 low = max(low, low - drawn.min())
             if (low, high) != tuple(limits):
                 self.narrowed[name] = f"from {drawn.min():+.4g} to {drawn.max():+.4g}", f"[{low:.6g}, {high:.6g}]"

@@ -63,5 +63,5 @@ def quantiles(scene: Scene, probabilities: np.ndarray) -> np.ndarray:
     columns = []
     for name, column in zip(uncertain_names(scene), probabilities.T):
         parameter = scene.parameters[name]
-        columns.append(parameter.quantiles(column, 0.0 if name in scene.positive_parameters else -np.inf))
+        columns.append(parameter.quantiles(column, 0.0 if name in scene.parameters_not_negative else -np.inf))
     return np.column_stack(columns) if columns else np.empty((len(probabilities), 0))

@@ -113,6 +113,28 @@ def test_designs_and_fits(rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path) -> No
     assert found.converged and found.parameters[0].value == pytest.approx(5.2e-3, rel=1e-6)
 
 
+def test_results_are_exported_and_filmed(run: pgmp.Result, rom: pgmp.Rom, commands: Path, tmp_path: Path) -> None:
+    """As the commands do, which call these functions; of results that have a file."""
+    for name in ("run.csv", "run.xdmf"):
+        assert pgmp.export_result(commands / "run.h5", tmp_path / name) == tmp_path / name
+    assert (tmp_path / "run.csv").read_text().startswith("time (s),")
+    assert "run.h5:" in (tmp_path / "run.xdmf").read_text()
+    short = pgmp.simulate(rom, overrides={"simulation.frames": 3})
+    short.write(tmp_path / "short.h5")
+    assert pgmp.animate(short, tmp_path / "short.gif", field="none").stat().st_size > 0
+
+
+def test_a_job_is_what_the_command_does(commands: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The lines of its steps, and nothing of the calls within them."""
+    few = {"reduction.modes": 3, "reduction.angles": 24, "simulation.duration": 0.02, "ensemble.bands": 0}
+    with caplog.at_level("INFO", logger="pgmp_petsc"):
+        done = pgmp.run(PAPER_SCENE, tmp_path / "job", n=4, overrides=few)
+    assert [path.name for path in done.files] == ["rom.h5", "run.h5", "better.h5", "samples.h5"]
+    assert done.failures == () and done.page == tmp_path / "job" / "report.html" and done.page.is_file()
+    steps = [message.split()[0] for message in caplog.messages if not message.startswith(("warning", "note"))]
+    assert steps == ["check", "build", "simulate", "compare", "compare", "ensemble", "report"]
+
+
 def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:
     absent = pgmp.Result("trajectory", None, MPI.COMM_SELF, Path())
     assert repr(absent) == "<pgmp trajectory on the first rank alone>"
@@ -321,6 +343,18 @@ WRONG = {
     "a study": (lambda rom, scene: pgmp.tradeoff(rom), "scene: Rom received; allowed is a scene"),
     "no number": (lambda rom, scene: pgmp.montecarlo(rom), "-n: missing; give the number of samples"),
     "a shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard="1/2"), "shard: str received; allowed is pgmp.Shard"),
+    "a result without a file": (
+        lambda rom, scene: pgmp.export_result(pgmp.simulate(rom), "x.csv"), "result: a trajectory without a file; write",
+    ),
+    "no result": (lambda rom, scene: pgmp.export_result(3, "x.csv"), "result: int received; allowed is a result"),
+    "no film": (lambda rom, scene: pgmp.animate("x.h5", "x.avi", mode=1), "output file 'x.avi': a film is named"),
+    "no such colours": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", field="heat"), "field = 'heat': allowed are"),
+    "too many pictures": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", fps=500.0), "fps = 500.0: allowed are"),
+    "no angle": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1, at={"theta": "a"}), "at..theta.. = 'a': allowed is"),
+    "angles in a list": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1, at=[1.0]), "at: list received"),
+    "half a mode": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1.5), "mode: float received; allowed is"),
+    "a job of a scene in memory": (lambda rom, scene: pgmp.run(scene), "scene: Scene received; allowed is the name"),
+    "a job without samples": (lambda rom, scene: pgmp.run("x.toml", n=0), "n = 0: allowed are whole numbers from 1"),
     "no such shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard=pgmp.Shard(3, 2)), "--shard 3/2: allowed are"),
     "a rule": (
         lambda rom, scene: pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping("std(x) < 1 %")),

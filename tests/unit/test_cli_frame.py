@@ -299,7 +299,7 @@ def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
         "from pgmp_petsc.cli import main, info\n"
         # a shell that runs the tests in the background lets its children ignore interrupts
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "info.describe = lambda path: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
+        "info.contents = lambda path, comm: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
         "main.main(['info', 'f.h5'])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)

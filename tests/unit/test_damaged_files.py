@@ -9,6 +9,8 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,14 +23,30 @@ from hypothesis import strategies as st
 from runs import paper_scene, rom_of
 from sealed import resealed
 
+from pgmp_petsc.api.contents import contents
 from pgmp_petsc.cli.info import describe
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.ensemble.shards import Shards
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.shard import read_shard
 from pgmp_petsc.runtime.errors import InputError
+
+def described(path: Path) -> str:
+    """Return what ``pgmp info`` says of a file."""
+    return describe(contents(path))
+
+
+def whole_shard(path: Path) -> None:
+    """Read a shard with all of its arrays."""
+    with read_shard(path) as found:
+        for arrays in (found.columns, found.bands):
+            assert all(values.ndim for values in arrays.values())
+
 
 FACTOR = float(os.environ.get("PGMP_FUZZ", "1"))
 READERS: dict[str, Callable[[Path], object]] = {
@@ -37,6 +55,11 @@ READERS: dict[str, Callable[[Path], object]] = {
     "ensemble": Ensemble.read,
     "modes": ModesTable.read,
     "tradeoff": Tradeoff.read,
+    "sensitivities": Derivatives.read,
+    "fit": Fit.read,
+    "design": Design.read,
+    "rare_event": RareEvent.read,
+    "shard": whole_shard,
 }
 
 
@@ -61,6 +84,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         "ensemble": synthetic.ensemble("reduced", n_samples=12),
         "modes": synthetic.modes_table(n_theta=5),
         "tradeoff": synthetic.tradeoff(),
+        "sensitivities": synthetic.derivatives(),
+        "fit": synthetic.fitted(),
+        "design": synthetic.designed(),
+        "rare_event": synthetic.rare_event(),
+        "shard": synthetic.shard(),
     }
     for kind, result in sound.items():
         result.write(folder / f"{kind}.h5")
@@ -112,7 +140,7 @@ def test_bytes_that_changed_are_told(folder: Path, kind: str, change: tuple) -> 
     if path.read_bytes() == whole:
         READERS[kind](path)
         return
-    for read in (READERS[kind], describe):
+    for read in (READERS[kind], described):
         with pytest.raises(InputError, match="damaged.h5' (is damaged: .*again|is not an HDF5|was not written by)"):
             read(path)
 
@@ -174,13 +202,67 @@ def test_a_structure_that_changed_is_told_or_does_not_matter(folder: Path, kind:
     with resealed(path) as file:
         for change in changes:
             restructure(file, change)
-    uses: list[Callable[[Path], object]] = [READERS[kind], describe]
+    uses: list[Callable[[Path], object]] = [READERS[kind], described]
     uses += [lambda path: write_xdmf(path, path.with_suffix(".xdmf"))] if kind == "trajectory" else []
     for use in uses:
         try:
             use(path)
         except InputError as error:
             assert "changed.h5'" in str(error)
+
+
+#: Arrays in which a number may be missing or infinite, by the kind of file.
+GAPS = {
+    "sensitivities": {"extremes"},
+    "fit": {"correlation"},
+    "design": {"search/goal"},
+    "rare_event": {"samples/value", "levels/accepted", "curve", "probability"},
+}
+
+
+@pytest.mark.parametrize("kind", GAPS)
+def test_a_number_that_is_missing_is_told(folder: Path, kind: str) -> None:
+    """With a seal that fits."""
+    with h5py.File(folder / f"{kind}.h5") as file:
+        names = [name for name in names_in(file) if isinstance(file[name], h5py.Dataset) and file[name].dtype == "f8"]
+    path, refused = folder / "missing.h5", set()
+    for name in names:
+        shutil.copy(folder / f"{kind}.h5", path)
+        with resealed(path) as file:
+            values = np.array(file[name][()])
+            values.flat[0] = np.nan
+            file[name][...] = values
+        try:
+            READERS[kind](path)
+            described(path)
+        except InputError as error:
+            refused.add(name)
+            assert str(error) == (
+                f"file '{path}' is damaged: dataset '/{name}' holds NaN, which no number of it can be; write it again"
+            )
+    left = {name for name in names if not name.startswith(("timings", *GAPS[kind]))}
+    assert refused == left
+
+
+def test_a_shard_that_changed_is_told(folder: Path) -> None:
+    """What no other shard fits: other lengths, missing numbers, another kind of units."""
+    cases = {
+        "columns of samples have shapes": ("columns/parameters.r1", np.ones(3)),
+        "bands have shapes": ("bands/crank_angle", np.ones((9, 3))),
+        "dataset '/columns/parameters.r1' holds NaN": ("columns/parameters.r1", np.full(4, np.nan)),
+        "outputs.crank_angle is NaN of samples that are fine": ("columns/outputs.crank_angle", np.full(4, np.nan)),
+        "bands at 2 instants, not 3": ("bands/crank_angle", np.ones((4, 2))),
+    }
+    both = [folder / "shard.h5", folder / "other_shard.h5"]
+    for message, (name, values) in cases.items():
+        place = replace(synthetic.shard().place, number=2, first=4)
+        replace(synthetic.shard(), place=place).write(both[1])
+        with resealed(both[1]) as file:
+            del file[name]
+            file[name] = values
+        with pytest.raises(InputError, match=f"other_shard.h5' is damaged: {message}.*; write it again"), ExitStack() as s:
+            shards = Shards(both, [s.enter_context(read_shard(path)) for path in both], folder)
+            shards.columns()
 
 
 def piece_of(first: int) -> Batch:

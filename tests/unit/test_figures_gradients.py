@@ -15,61 +15,24 @@ from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.design import design
 from pgmp_petsc.figures.fit import fit
 from pgmp_petsc.figures.sensitivities import sensitivities
-from pgmp_petsc.results import Derivatives, Design, Fit
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
-from pgmp_petsc.results.design import DesignConstraint, DesignParameter
-from pgmp_petsc.results.fit import FittedOutput, FittedParameter
+from pgmp_petsc.results import Derivatives
+from pgmp_petsc.results.derivatives import DEVIATION
 from pgmp_petsc.runtime.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
-TIME = np.linspace(0.0, 1.0, 60)
-ANGLE, BEND = 5.0 * TIME**2, 1e-4 * np.sin(5.0 * TIME)
-
-
-def derivatives() -> Derivatives:
-    found = {"crank_angle": {"r1": -300.0 * TIME, "c": 2.0 * TIME}, "slider_deformation": {"r1": BEND, "c": 0.0 * TIME}}
-    return Derivatives(
-        synthetic.record(), TIME, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
-        {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
-        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)}, np.diag([1.0, 0.0]),
-    )  # fmt: skip
-
-
-def fitted() -> Fit:
-    outputs = {
-        "crank_angle": FittedOutput("rad", ANGLE + 1e-3, ANGLE, 0.9 * ANGLE, 1e-3, True),
-        "slider_deformation": FittedOutput("m", BEND + 1e-6, BEND, 0.5 * BEND, 1e-6, False),
-    }
-    parameters = (
-        FittedParameter("r1", "m", 5.6e-3, 6.001e-3, 4.8e-6, 1e-3, 12e-3),
-        FittedParameter("c", "1", 0.02, 0.03, np.inf, 1e-3, 0.1),
-    )
-    return Fit(synthetic.record(), TIME, outputs, parameters, np.eye(2), 20, True)
-
-
-def designed() -> Design:
-    outputs = {"crank_angle": ANGLE, "slider_deformation": BEND}
-    return Design(
-        synthetic.record(), "minimise max(abs(slider_deformation))", 1e-4, 5e-5,
-        (DesignParameter("r1", "m", 5.6e-3, 6.2e-3, 1e-3, 12e-3),),
-        (DesignConstraint("end(crank_angle) >= 4.5", -0.2, 0.0, True),),
-        np.array([[5.6e-3], [6.4e-3], [6.2e-3]]), np.array([1e-4, 4e-5, 5e-5]), None, 1, TIME, outputs, outputs,
-        {"crank_angle": "rad", "slider_deformation": "m"}, True,
-    )  # fmt: skip
-
 
 def test_sensitivities_show_outputs_and_changes() -> None:
-    figure = sensitivities(derivatives())
+    figure = sensitivities(synthetic.derivatives())
     assert len(visible(figure)) == 4
     assert legend_texts(figure) == ["r1 + 0.56 mm, one standard deviation", "c + 0.0002, 1 % of its value"]
     change = visible(figure)[1].lines[0]
-    np.testing.assert_allclose(change.get_ydata(), -300.0 * TIME * 0.56e-3)
+    np.testing.assert_allclose(change.get_ydata(), -300.0 * synthetic.INSTANTS * 0.56e-3)
     assert_inside(figure)
 
 
 def test_a_fit_shows_what_was_measured_and_what_is_left() -> None:
-    figure = fit(fitted())
+    figure = fit(synthetic.fitted())
     assert len(visible(figure)) == 4
     assert "fitted, r1 = 6.001 ± 0.005 mm, c = 0.03, not identifiable" in legend_texts(figure)
     np.testing.assert_allclose(visible(figure)[1].lines[0].get_ydata(), 1.0, rtol=1e-9)  # mrad
@@ -77,7 +40,7 @@ def test_a_fit_shows_what_was_measured_and_what_is_left() -> None:
 
 
 def test_a_design_shows_its_search_and_both_ends() -> None:
-    figure = design(designed())
+    figure = design(synthetic.designed())
     assert len(visible(figure)) == 3
     assert legend_texts(figure) == ["at the start, r1 = 5.6 mm", "design, r1 = 6.2 mm"]
     np.testing.assert_array_equal(visible(figure)[0].lines[0].get_ydata(), [1e-4, 4e-5, 5e-5])
@@ -85,7 +48,7 @@ def test_a_design_shows_its_search_and_both_ends() -> None:
 
 
 def test_a_result_is_drawn_into_a_folder(tmp_path: Path) -> None:
-    result = designed()
+    result = synthetic.designed()
     path = Path(draw_result(result, tmp_path / "pictures"))
     assert path.is_file() and path.parent == tmp_path / "pictures"
     (tmp_path / "file").write_text("", encoding="utf-8")
@@ -94,17 +57,18 @@ def test_a_result_is_drawn_into_a_folder(tmp_path: Path) -> None:
 
 
 def test_derivatives_come_back_from_a_file(tmp_path: Path) -> None:
-    one = derivatives()
+    one = synthetic.derivatives()
     one.write(tmp_path / "s.h5")
     again = Derivatives.read(tmp_path / "s.h5")
     assert (again.parameters, again.changes, again.units) == (one.parameters, one.changes, one.units)
     np.testing.assert_array_equal(again.derivatives["crank_angle"]["r1"], one.derivatives["crank_angle"]["r1"])
     largest = list(again.figures("slider_deformation"))[1]
-    assert largest.time == TIME[np.argmax(BEND)] and largest.derivatives[0] == BEND.max()
+    assert largest.time == synthetic.INSTANTS[np.argmax(synthetic.BEND)]
+    assert largest.derivatives[0] == synthetic.BEND.max()
 
 
 def test_units_of_derivatives_are_written_as_fractions() -> None:
-    one = derivatives()
+    one = synthetic.derivatives()
     units = one.units | {"r1": "N m/rad"}
     other = Derivatives(one.record, one.time, one.outputs, one.derivatives, units, one.changes, one.correlation)
     assert (one.unit("crank_angle", "r1"), one.unit("crank_angle", "c")) == ("rad/m", "rad")
@@ -112,7 +76,7 @@ def test_units_of_derivatives_are_written_as_fractions() -> None:
 
 
 def test_the_deviation_of_a_figure_is_that_of_all_distributions_together() -> None:
-    one = derivatives()
+    one = synthetic.derivatives()
     both = {"r1": (0.56e-3, DEVIATION), "c": (0.1, DEVIATION)}
     effects = np.array([-300.0 * 0.56e-3, 2.0 * 0.1])
     for coefficient in (0.0, 0.5, -0.9):
@@ -127,12 +91,12 @@ def test_the_deviation_of_a_figure_is_that_of_all_distributions_together() -> No
 
 def test_derivatives_of_nothing_and_of_no_scene_are_damaged(tmp_path: Path) -> None:
     path = tmp_path / "s.h5"
-    derivatives().write(path)
+    synthetic.derivatives().write(path)
     with resealed(path) as file:
         del file["outputs"]
     with pytest.raises(InputError, match="is damaged: there are no outputs; write it again"):
         Derivatives.read(path)
-    derivatives().write(path)
+    synthetic.derivatives().write(path)
     with resealed(path) as file:
         file.attrs["scene"] = "[scene"
     with pytest.raises(InputError, match="is damaged: its scene is no TOML: "):

@@ -153,10 +153,7 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
 OF_COMMANDS = {"api", "cli", "results", "runtime", "figures", "report"}
 #: Modules of commands that use more, and what: these have no function in the interface.
 MORE = {
-    "animate": {"models", "studies"},
-    "export": {"export"},
     "new": {"scene"},
-    "run": {"bodies", "experiments", "mechanism", "models", "scene", "studies"},
     "schema": {"scene"},
 }
 

@@ -131,6 +131,11 @@ WARNED = {
         "reduction.second_order is false",
     ),
     "most angles of nothing": (SCENE, ["reduction.max_angles=99"], "reduction.max_angles", "no reduction.sampling_tol"),
+    "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a length"),
+    "replicates of random samples": (SCENE, ["ensemble.replicates=16"], "ensemble.replicates", 'it is for "sobol"'),
+    "samples of no bands": (
+        SCENE, ["ensemble.bands=0", "ensemble.band_samples=99"], "ensemble.band_samples", "as ensemble.bands = 0"
+    ),
     "no gravity": (SCENE, ['effects.a={type="gravity", acceleration=0.0}'], "effects.a.acceleration", "leave it out"),
     "twice the same": (SCENE, ['effects.again={type="torque", joint="crank_hinge", '
                                "table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]}"], "effects.again",

@@ -11,7 +11,7 @@ from combinations import meshes_for, scene_of
 from mpi4py import MPI
 from runs import full_model, reduced_model
 
-from pgmp_petsc.cli.run import Job
+from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.experiments import reference
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.period import first_period, period_of
@@ -71,12 +71,10 @@ def test_bodies_from_matrices_have_the_component_model_alone() -> None:
 
 def test_component_runs_with_bodies_from_matrices_have_no_better_model() -> None:
     scene, said = scene_of("matrices", "torque"), []
-    job = SimpleNamespace(
-        scene=scene, model="components", n_steps=10, context=SimpleNamespace(obj=SimpleNamespace(comm=SELF))
-    )
-    job._made_from, job._is_finished, job._better = lambda: "", lambda name, known: False, lambda: Job._better(job)
+    job = SimpleNamespace(scene=scene, model="components", n_steps=10, comm=SELF)
+    job._made_from, job._is_finished, job._better = lambda: "", lambda name, known: False, lambda: _Job._better(job)
     job._say = lambda *words: said.append(words)
-    Job.compare(job)
+    _Job.compare(job)
     assert said == [("compare", "left out: there is no full-order model with bodies.rod.matrices")]
 
 

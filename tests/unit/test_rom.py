@@ -260,6 +260,13 @@ def test_a_file_without_one_of_its_entries_is_refused(path: Path, name: str) -> 
     assert "missing" in str(error.value) or BUILD_AGAIN in str(error.value)
 
 
+def test_a_file_without_the_mesh_of_a_body_is_refused(path: Path) -> None:
+    with resealed(path) as file:
+        remove("mesh/rod")(file)
+    with pytest.raises(InputError, match="has no mesh/rod, a body of its scene; build it again"):
+        ReducedOrderModel.read(path)
+
+
 @pytest.mark.parametrize("name", ["mass", "stiffness", "load", "inertia"])
 def test_tables_of_different_lengths_are_refused(path: Path, name: str) -> None:
     with resealed(path) as file:

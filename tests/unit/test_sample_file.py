@@ -92,6 +92,13 @@ def test_a_bad_table_is_one_message_with_its_line(scene: Scene, tmp_path: Path, 
     assert str(caught.value).startswith("--samples ")
 
 
+def test_negative_damping_is_refused_with_its_line(tmp_path: Path) -> None:
+    loss = 'effects.loss={type="joint_damping",joint="crank_hinge",coefficient="c"}'
+    scene = slider_crank("parameters.c={nominal=1.0}", loss, "parameters.r1.distribution={name='norm',scale=1e-3}")
+    with pytest.raises(InputError, match="line 3: c = -2; must not be negative for what uses it"):
+        read_samples(csv(tmp_path, "r1,c\n5e-3,0\n5e-3,-2\n"), scene, None)
+
+
 def test_ends_of_a_stop_that_cross_are_refused_with_their_line(tmp_path: Path) -> None:
     stop = 'effects.stop={type="end_stop",joint="crank_hinge",stiffness=10.0,lower=-1.0,upper="end"}'
     scene = slider_crank("parameters.end={nominal=1.0}", stop, "parameters.r1.distribution={name='norm',scale=1e-3}")

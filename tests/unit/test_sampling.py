@@ -73,6 +73,19 @@ def test_samples_are_physical_inside_their_bounds() -> None:
     np.testing.assert_array_equal(physical(scene, values), [True, True, False, False, True, False, False, False])
 
 
+def test_damping_and_friction_are_not_negative() -> None:
+    """Zero is none of either; springs may be negative."""
+    effects = (
+        'effects.loss={type="joint_damping",joint="crank_hinge",coefficient="c"}',
+        'effects.rub={type="joint_friction",joint="elbow",limit="limit",speed=1.0}',
+        'effects.coil={type="spring_damper",joint="elbow",stiffness="k"}',
+    )
+    scene = slider_crank(*(f"parameters.{name}={{nominal=1.0}}" for name in ("c", "limit", "k")), *effects)
+    rows = [[1.0, 1.0, 1.0], [0.0, 0.0, -1.0], [-1e-3, 1.0, 1.0], [1.0, -1e-3, 1.0]]
+    values = {"r1": np.full(4, 5e-3)} | dict(zip(("c", "limit", "k"), np.array(rows).T))
+    np.testing.assert_array_equal(physical(scene, values), [True, True, False, False])
+
+
 def test_sections_and_materials_need_positive_numbers_even_without_bounds(scene: Scene) -> None:
     n = 4
     values = {"r1": np.full(n, 5e-3), "E": np.full(n, 2e11), "rho": np.full(n, 7800.0)}

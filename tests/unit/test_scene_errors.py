@@ -14,6 +14,11 @@ SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.to
 POINT_NEEDED = 'a point is needed, written "body:point" or "ground:point"'
 NAME_NEEDED = "a name starts with a letter or _ and goes on with letters, digits, _ or -"
 NUMBER_OR_NAME = "a positive number or the name of a parameter is needed"
+ROW_NEEDED = "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]"
+NO_MOTION = (
+    "numbers are needed, no parameter: a prescribed motion is a constraint, one for all samples; run once for each value "
+    "(--override), or drive the coordinate by a torque, whose amplitude may be a parameter"
+)
 PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
 
 # One override of the shipped scene, and the one line that it is answered with.
@@ -28,7 +33,11 @@ ENTRIES = [
     ("bodies=1", "bodies = 1: a table is needed"),
     ("bodies.crank=1", "bodies.crank = 1: a table is needed"),
     ("coordinates={}", "coordinates = {}: at least 1 entry is needed"),
-    ('materials.steel.nu="r1"', 'materials.steel.nu = "r1": a number is needed'),
+    (
+        'materials.steel.nu="r1"',
+        'materials.steel.nu = "r1": numbers are needed, no parameter: stiffness is no sum of products of parameters '
+        "with it; build once for each value (--override)",
+    ),
     ("materials.steel.nu=0.5", "materials.steel.nu = 0.5: must be less than 0.5"),
     ("materials.steel.nu=-1", "materials.steel.nu = -1: must be greater than -1.0"),
     ("materials.steel.nu=nan", "materials.steel.nu = nan: a finite number is needed"),
@@ -70,7 +79,43 @@ ENTRIES = [
         "joints.slider.direction = [0, 0]: a direction other than [0, 0] is needed",
     ),
     ("effects.motor.table=[]", "effects.motor.table = []: at least 1 entry is needed"),
-    ("effects.motor.table=[[0, 1], [1, nan]]", f"effects.motor.table[1] = [1, nan]: {PAIR_NEEDED}"),
+    ("effects.motor.table=[[0, 1], [1, nan]]", f"effects.motor.table[1] = [1, nan]: {ROW_NEEDED}"),
+    ('effects.motor.table=[[0, 1], ["r1", 1]]', f'effects.motor.table[1] = ["r1", 1]: {ROW_NEEDED}'),
+    (
+        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="p",frequency_hz=2.0}}',
+        'effects.motor.harmonic.amplitude = "p": there is no such parameter; known: r1',
+    ),
+    (
+        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="r1",frequency_hz=2.0},scale="r2"}',
+        'effects.motor.scale = "r2": a number is needed: values over time name r1, and loads are affine in their '
+        "parameters; give these values numbers, or leave the scale out",
+    ),
+    (
+        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude=1.0,frequency_hz="r1"}}',
+        'effects.motor.harmonic.frequency_hz = "r1": numbers are needed, no parameter: loads are affine in their '
+        "parameters, which frequencies and phases are not; two harmonics of one frequency a quarter of a turn apart "
+        "have any phase, by their amplitudes; run once for each frequency (--override)",
+    ),
+    (
+        'effects.drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.0],[1.0,"r1"]]}',
+        f'effects.drive.table = [[0.0, 0.0], [1.0, "r1"]]: {NO_MOTION}',
+    ),
+    (
+        'effects.drive={type="prescribed_motion",coordinate="theta",spin_up={speed="r1",time=1.0}}',
+        f'effects.drive.spin_up.speed = "r1": {NO_MOTION}',
+    ),
+    (
+        'effects.loss={type="structural_damping",ratios=[0.1,"r1"]}',
+        'effects.loss.ratios = [0.1, "r1"]: numbers are needed, no parameter: matrices of structural damping are made '
+        "once for all samples; build once for each value (--override), or damp joints, springs or bushings, whose "
+        "coefficients may be parameters",
+    ),
+    (
+        'simulation.initial.theta.position="r1"',
+        'simulation.initial.theta.position = "r1": numbers are needed, no parameter: displacements, and the turns of '
+        "angles, count from one place for all samples; run once for each position (--override), or start from one "
+        "place with a velocity, which may be a parameter",
+    ),
     (
         "effects.motor.table=[[0, 1], [0, 2]]",
         "effects.motor.table = [[0, 1], [0, 2]]: times must increase strictly, but 0.0 s follows 0.0 s",

@@ -54,6 +54,7 @@ def test_the_default_scale_is_one_of_the_unit() -> None:
 
 
 SPRING = 'effects.s={type="spring_damper", joint="crank_hinge", stiffness="q"}'
+RESTING = 'effects.s={type="spring_damper", joint="crank_hinge", stiffness=1.0, rest="q"}'
 SLIDING = 'effects.s={type="spring_damper", joint="slider", stiffness="q"}'
 DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}'
 
@@ -68,7 +69,9 @@ DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}
         ("in", "bodies.rod.section.radius", (), 70 * 0.0254, "m"),
         ("kNm", "effects.motor.scale", (), 70e3, "N m"),
         ("percent", "effects.motor.scale", (), 0.7, "1"),
-        ("N mm/deg", "effects.s.stiffness", (SPRING,), 0.07 * 180 / 3.141592653589793, "N m"),
+        ("N mm/deg", "effects.s.stiffness", (SPRING,), 0.07 * 180 / 3.141592653589793, "N m/rad"),
+        ("deg", "effects.s.rest", (RESTING,), 70 * 3.141592653589793 / 180, "rad"),
+        ("rpm", "simulation.initial.theta.velocity", (), 70 * 2 * 3.141592653589793 / 60, "rad/s"),
         ("Nm/rad", "effects.s.stiffness", (SPRING,), 70.0, "Nm/rad"),
         ("kN/m", "effects.s.stiffness", (SLIDING,), 70e3, "N/m"),
         ("N*m*s", "effects.s.coefficient", (DAMPER,), 70.0, "N*m*s"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -323,3 +324,14 @@ def test_a_rigid_solid_has_its_mesh(name: str) -> None:
     turned = np.subtract(*own.positions[-1, [block.groups["top"].max(), block.groups["top"].min()]])
     angle = np.arctan2(turned[1], turned[0]) - np.pi / 2
     assert np.mod(angle + np.pi / 2, np.pi) - np.pi / 2 == pytest.approx(-MOMENT * LENGTH / (YOUNG * INERTIA), rel=0.02)
+
+
+def test_a_mode_where_the_interpolated_mass_is_none_is_refused() -> None:
+    """Few angles and many modes; the build warns of it."""
+    model = reduced_model(slider_crank("simulation.frames=1"))
+    mass = model.rom.tables.mass.copy()
+    mass[..., 1, 2] = mass[..., 2, 1] = 10.0 * np.abs(mass).max()
+    broken = copy(model)
+    broken.rom = replace(model.rom, tables=replace(model.rom.tables, mass=mass))
+    with pytest.raises(InputError, match="--at theta = 0.7: the interpolated mass matrix is not positive definite"):
+        mode_shape(broken, 1, {"theta": 0.7})

@@ -92,6 +92,55 @@ def test_derivatives_are_central_differences(monkeypatch: pytest.MonkeyPatch) ->
     compare(model, (1e-5,), *NUMBERS)
 
 
+#: Loads whose values over time are named, with two values of each; the first one is nominal.
+OVER_TIME = {"turn": (2.0, -3.0), "stay": (1.5, 4.0), "push": (2.0, -3.0), "weight": (0.5, 0.2)}
+LOADS = (
+    'effects.motor={{type="torque",joint="crank_hinge",table=[[0.0,0.0],[0.01,{turn}],[0.02,0.3],[0.03,{stay}]]}}',
+    'effects.shake={{type="force",point="rod:1",direction=[0.0,1.0],scale=2.0,'
+    'harmonic={{amplitude={push},frequency_hz=20.0,mean={weight},phase=0.3}}}}',
+    'effects.drag={{type="force",point="rod:1",towards="ground:origin",harmonic={{amplitude=1.0,frequency_hz=8.0,'
+    'mean={weight}}}}}',
+    "simulation.step=1e-3", "simulation.duration=0.04", "reduction.modes=3", "reduction.angles=16",
+    "reduction.static_modes=true", 'reduction.interpolation="spline"',
+    'outputs.x={{type="position",point="rod:tip",axis="x"}}',
+    'outputs.bend={{type="deformation",point="rod:tip",axis="x"}}',
+)  # fmt: skip
+
+
+def loaded_with(entries: dict[str, object]) -> Scene:
+    """Return the slider-crank under loads over time; `entries` are numbers or parameters' names."""
+    parameters = [f"parameters.{name}={{nominal={first}}}" for name, (first, _) in OVER_TIME.items()]
+    return slider_crank(*parameters, *(entry.format(**entries) for entry in LOADS))
+
+
+@pytest.mark.parametrize("kind", ["full", "components", "reduced"])
+def test_samples_of_loads_are_runs_with_their_numbers(kind: str) -> None:
+    scene = loaded_with({name: f'"{name}"' for name in OVER_TIME})
+    values = {name: np.array(both) for name, both in OVER_TIME.items()}
+
+    def made_of(one: Scene) -> Model:
+        if kind == "reduced":
+            return reduced_model(one)
+        full = full_model(one)
+        return full if kind == "full" else component_model(one, full.meshes, MPI.COMM_SELF)
+
+    _, together = history(made_of(scene), samples(scene, 2, **values), 2)
+    assert all(np.ptp(found, axis=1).max() > 1e-6 for found in together.values())
+    for k in (0, 1):
+        own = loaded_with({name: both[k] for name, both in OVER_TIME.items()})
+        _, alone = history(made_of(own), samples(own, 1), 1)
+        for name, expected in alone.items():
+            # what iterations leave, 1e-12 of the size a step
+            np.testing.assert_allclose(
+                together[name][:, k], expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max()
+            )
+
+
+def test_derivatives_with_values_over_time_are_central_differences() -> None:
+    """The run is nearly linear in loads: larger steps than elsewhere, whose rounding is less."""
+    compare(reduced_model(loaded_with({name: f'"{name}"' for name in OVER_TIME})), (1e-1, 1e-2), *OVER_TIME)
+
+
 THROWN_IN_SPACE = ("parameters.throw={nominal=6.0}", 'simulation.initial.theta={velocity="throw"}')
 
 

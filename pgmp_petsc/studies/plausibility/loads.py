@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.impulses import impulse_of
+from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.slides import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
@@ -27,9 +28,10 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
         if isinstance(effect, (kinds.Torque, kinds.Force)):
-            yield from _over_time(scene, entry, effect)
-            if whole:
-                yield from _speed(scene, entry, effect, mass, length)
+            for part in parts_of(name, effect).values():
+                yield from _over_time(scene, entry, part)
+                if whole:
+                    yield from _speed(scene, entry, part, mass, length)
         elif isinstance(effect, kinds.Gravity):
             yield from _gravity(scene, entry, effect)
         elif isinstance(effect, kinds.PointMass) and whole:

@@ -9,6 +9,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
+from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.uses import uses_of
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
@@ -94,6 +95,18 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
         yield doubt(
             "reduction.max_angles", "without effect, as there is no reduction.sampling_tolerance", reduction.max_angles
         )
+    usual = type(reduction).model_fields["length_points"].default
+    if reduction.length_points != usual and not length_names(scene):
+        why = "without effect, as no parameter is a length or a place"
+        yield doubt("reduction.length_points", why, reduction.length_points)
+    ensemble = scene.ensemble
+    usual = type(ensemble).model_fields["replicates"].default
+    if ensemble.replicates != usual and ensemble.sampler != "sobol":
+        why = f'without effect, as ensemble.sampler = "{ensemble.sampler}"; it is for "sobol" (--sampler sobol)'
+        yield doubt("ensemble.replicates", why, ensemble.replicates)
+    usual = type(ensemble).model_fields["band_samples"].default
+    if ensemble.band_samples != usual and not ensemble.bands:
+        yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
 
 
 def unused_findings(scene: Scene) -> Iterator[Finding]:

@@ -1,0 +1,183 @@
+"""Runs, and modes of vibration, of a program as films."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
+from pgmp_petsc.api.result import Result, wrong
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.claims import check_output, named
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord, open_file
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from pgmp_petsc.figures.motion import Motion
+    from pgmp_petsc.results.mode_shape import ModeShape
+
+FIELDS = ("mises", "deformation", "displacement", "none")
+RATE = 20.0
+MOST_PICTURES = (0.5, 120.0)  # a second
+LONGEST = 3600.0  # s
+LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
+ENDINGS = (".mp4", ".gif")
+
+
+def animate(
+    result: Result | str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    mode: int | None = None,
+    at: Mapping[str, float] | None = None,
+    field: str | None = None,
+    scale: float | None = None,
+    seconds: float | None = None,
+    fps: float = RATE,
+    comm: MPI.Comm | None = None,
+) -> Path:
+    """Make a film of a trajectory's frames, or of a mode of a reduced model, and return where; as ``pgmp animate``.
+
+    One rank draws. Collective on `comm`.
+
+    Parameters
+    ----------
+    result
+        A trajectory, or with `mode` a reduced model; or its file.
+    output
+        ``NAME.mp4`` or ``NAME.gif``.
+    mode, at
+        Number of the mode, from 1, and coordinates (rad) of its configuration, those at the start where not given.
+    field
+        What the colours are: ``mises``, ``deformation``, ``displacement`` or ``none``; by default ``mises``, of modes
+        ``displacement``.
+    scale
+        Enlarges the deformation; where not given as much as shows it.
+    seconds, fps
+        How long the film takes, s, as long as all frames do where not given; pictures a second.
+
+    Raises
+    ------
+    InputError
+        If the result cannot become a film, or that cannot be made there.
+    RunError
+        If the system fails to write.
+    """
+    comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        _check_arguments(result, output, mode, field)
+        _check_numbers(scale, seconds, fps)
+        places = _angles(at or {})
+    file, target = Path(result.path if isinstance(result, Result) else result), Path(output)
+    on_root(comm, _check, file, target, mode, places)
+    shape = None if mode is None else _shape(file, mode, places, comm)
+    for line in on_root(comm, _draw, file, target, shape, field, scale, seconds, fps):
+        tell(comm, line)
+    return target
+
+
+def _check_arguments(result: object, output: object, mode: object, field: object) -> None:
+    if not isinstance(result, (Result, str, PathLike)):
+        raise wrong("result", result, "a trajectory or a reduced model, or its file")
+    if isinstance(result, Result) and result.path is None:
+        raise InputError(f"result: {named(result.kind)} without a file; write it first: result.write('NAME.h5')")
+    if not isinstance(output, (str, PathLike)):
+        raise wrong("output", output, "the name of a film, *.mp4 or *.gif")
+    if mode is not None and (isinstance(mode, bool) or not isinstance(mode, int)):
+        raise wrong("mode", mode, "the number of a mode, from 1")
+    if field is not None and field not in FIELDS:
+        raise InputError(f"field = {field!r}: allowed are {', '.join(FIELDS)}")
+
+
+def _check_numbers(scale: float | None, seconds: float | None, fps: float) -> None:
+    least, most = MOST_PICTURES
+    for name, value, fine, allowed in (
+        ("scale", scale, lambda x: 0.0 < x <= LARGEST_SCALE, f"above 0 and at most {LARGEST_SCALE:g}"),
+        ("seconds", seconds, lambda x: 0.0 < x <= LONGEST, f"above 0 and at most {LONGEST:g} s"),
+        ("fps", fps, lambda x: least <= x <= most, f"from {least:g} to {most:g}"),
+    ):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not fine(value)):
+            raise InputError(f"{name} = {value!r}: allowed are numbers {allowed}")
+
+
+def _angles(at: object) -> dict[str, float]:
+    """Return the coordinates of a configuration."""
+    if not isinstance(at, Mapping):
+        raise wrong("at", at, "angles (rad) by the names of coordinates, such as {'theta': 0.5}")
+    for name, angle in at.items():
+        if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
+            raise InputError(f"at[{name!r}] = {angle!r}: allowed is an angle (rad), a finite number")
+    return {str(name): float(angle) for name, angle in at.items()}
+
+
+def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) -> None:
+    """Refuse what cannot become a film, before anything is computed; by one process."""
+    if output.suffix.lower() not in ENDINGS:
+        raise InputError(f"output file '{output}': a film is named .mp4 or .gif")
+    check_output(output, "film", (file,))
+    with open_file(file, ("trajectory", "rom", "modes")) as opened:
+        kind = str(opened.attrs["kind"])
+    if kind == "modes":
+        raise InputError(
+            f"file '{file}': a table of modes holds frequencies alone; the shapes are in a reduced model: pgmp build "
+            "SCENE -o rom.h5, then pgmp animate rom.h5 --mode K"
+        )
+    if kind == "rom" and mode is None:
+        raise InputError(f"file '{file}' is a reduced model; give --mode K for one of its modes, or simulate it first")
+    if kind == "trajectory" and mode is not None:
+        raise InputError(f"--mode {mode}: for reduced models; '{file}' is a trajectory")
+    if at and mode is None:
+        raise InputError("--at: for modes (--mode K); a film of a trajectory shows all of its frames")
+
+
+def _shape(file: Path, mode: int, at: Mapping[str, float], comm: MPI.Comm) -> ModeShape:
+    """Return a mode of a reduced model. Collective on `comm`."""
+    from pgmp_petsc.models import ReducedModel  # takes a noticeable time
+    from pgmp_petsc.studies.inputs import read_rom
+    from pgmp_petsc.studies.mode_shapes import mode_shape
+
+    scene, rom = read_rom(file, (), (), comm)
+    return on_root(comm, lambda: mode_shape(ReducedModel(scene, rom), mode, at))
+
+
+def _stopped(file: Path) -> list[str]:
+    """Return why a run stopped before its end; by one process."""
+    with open_file(file, "trajectory") as opened:
+        stopped = RunRecord.read(opened).remarks[:1] if opened.attrs.get("status", 0) else ()
+    return [f"{file}: {remark}" for remark in stopped]
+
+
+def _draw(
+    file: Path,
+    output: Path,
+    shape: ModeShape | None,
+    field: str | None,
+    scale: float | None,
+    seconds: float | None,
+    fps: float,
+) -> list[str]:
+    """Write the film and return what is to be said of it; by one process."""
+    from pgmp_petsc.figures.films import Pace, write_film  # matplotlib takes a noticeable time
+    from pgmp_petsc.figures.motion import motion_of, vibration_of
+    from pgmp_petsc.results import Trajectory
+
+    if shape is None:
+        motion: Motion = motion_of(Trajectory.read(file), field or "mises", scale)
+    else:
+        motion = vibration_of(shape, field or "displacement", scale)
+    pace = Pace.of(len(motion.captions), fps, seconds)
+    n = write_film(motion, output, pace)
+    of = f"{n} of {len(motion.captions)} instants" if n < len(motion.captions) else f"{n} pictures"
+    enlarged = f", deformation enlarged {motion.scale:g} times" if motion.scale != 1.0 else ""
+    said = [f"{output}: {of}, {pace.seconds:.3g} s{enlarged}", *map(_indented, motion.notes)]
+    return said if shape is not None else [*said, *_stopped(file)]
+
+
+def _indented(text: str) -> str:
+    """Return what the film has under its title as a line; warnings of its run say that they are."""
+    return f"  {text}" if text.startswith("warning: ") else f"  note: {text}"

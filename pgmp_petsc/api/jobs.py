@@ -1,0 +1,368 @@
+"""Everything from the check of a scene to the report, one line a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pgmp_petsc import __version__
+from pgmp_petsc.api.ensembles import montecarlo
+from pgmp_petsc.api.keeping import keeping
+from pgmp_petsc.api.models import build
+from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
+from pgmp_petsc.api.requests import check_whole
+from pgmp_petsc.api.result import wrong
+from pgmp_petsc.api.runs import simulate
+from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.experiments.price import Price, step_seconds
+from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, component_model
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.report.headlines import (
+    headline_of_build,
+    headline_of_comparison,
+    headline_of_ensemble,
+    headline_of_run,
+)
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.steps import LABEL, Steps
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.prepared import settled
+from pgmp_petsc.studies.simulate import simulate_full
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+PAGE = "report.html"
+ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a run left.
+
+    Attributes
+    ----------
+    files
+        Results, in the order of the steps.
+    page
+        The report.
+    failures
+        What went wrong although the run went on: runs that stopped early, samples that failed.
+    """
+
+    files: tuple[Path, ...]
+    page: Path
+    failures: tuple[str, ...]
+
+
+def run(
+    scene: str | PathLike[str],
+    folder: str | PathLike[str] | None = None,
+    *,
+    page: str | PathLike[str] | None = None,
+    n: int = 512,
+    seed: int = 0,
+    force: bool = False,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    comm: MPI.Comm | None = None,
+) -> Done:
+    """Check a scene, build its reduced model, simulate, compare, draw samples, and report; as ``pgmp run``.
+
+    Collective on `comm`.
+
+    Parameters
+    ----------
+    scene
+        Its file.
+    folder
+        For all files; ``SCENE_results`` beside the scene where none is given. What is finished there is taken.
+    page
+        The report; ``report.html`` in the folder where none is given.
+    n, seed
+        Of the samples, which are drawn where parameters have distributions.
+    force
+        Whether to do all steps again.
+    parameters, overrides
+        As of `simulate`.
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be meant, or the folder is somebody else's.
+    RunError
+        If a step fails and leaves no file.
+    """
+    comm = solving_ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        if not isinstance(scene, (str, PathLike)):
+            raise wrong("scene", scene, "the name of a scene's file")
+        check_whole("n", n, 1, MOST_SAMPLES)
+        check_whole("seed", seed, 0, LARGEST_SEED)
+        texts, settings = overrides_of(overrides), settings_of(parameters)
+    path = Path(fspath(scene))
+    place = path.with_name(f"{path.stem}_results") if folder is None else Path(folder)
+    target = place / PAGE if page is None else Path(page)
+    loaded, meshes = read_scene(path, texts, settings, comm, Purpose.CHECK)
+    steps = Steps(place)
+    on_root(comm, steps.make)
+    on_root(comm, check_output, target, "report", (path,))
+    with agreed(comm, "assembling the mechanism"):
+        mechanism = Mechanism.from_scene(loaded, meshes)
+        kinematics = RigidKinematics(mechanism)
+    tell_remarks(comm, loaded.remarks)
+    tell(comm, f"check      {_checked(loaded, mechanism)}")
+    key = identity(scene_to_toml(loaded), meshes, __version__)
+    job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, settings, texts)
+    job.build()
+    job.simulate()
+    job.compare()
+    job.sample(n, seed)
+    job.write_report(target)
+    return Done(tuple(job.files), target, tuple(job.failures))
+
+
+def _checked(scene: Scene, mechanism: Mechanism) -> str:
+    """Return what a scene holds, in a line."""
+    counts = {"body": len(scene.bodies), "joint": len(scene.joints), "effect": len(scene.effects)}
+    plural = {"body": "bodies", "joint": "joints", "effect": "effects"}
+    parts = [f"{n} {plural[what] if n != 1 else what}" for what, n in counts.items()]
+    drawn = sum(parameter.distribution is not None for parameter in scene.parameters.values())
+    return f"{scene.name}: {', '.join(parts)}, {mechanism.n_dofs} unknowns, {drawn} uncertain parameters"
+
+
+@dataclass
+class _Job:
+    """The steps of one run; each is collective on the call's ranks.
+
+    Attributes
+    ----------
+    files
+        What is there for the report.
+    failures
+        What went wrong although the job went on.
+    """
+
+    comm: MPI.Comm
+    path: Path
+    scene: Scene
+    meshes: Mapping[str, BodyShape]
+    kinematics: RigidKinematics
+    steps: Steps
+    key: str
+    force: bool
+    settings: tuple[str, ...]
+    overrides: tuple[str, ...]
+    files: list[Path] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def flexible(self) -> bool:
+        """Whether any body deforms."""
+        return any(body.flexible for body in self.scene.bodies.values())
+
+    @property
+    def model(self) -> str:
+        """The model that runs and samples are of."""
+        if not self.flexible:
+            return "full"
+        return "reduced" if len(self.scene.coordinates) <= MOST_COORDINATES else "components"
+
+    @property
+    def n_steps(self) -> float:
+        """Time steps of one run."""
+        return self.scene.simulation.duration / self.scene.simulation.step
+
+    def build(self) -> None:
+        """Build the reduced model."""
+        if self.model != "reduced":
+            why = "all bodies are rigid" if not self.flexible else f"{len(self.scene.coordinates)} coordinates"
+            instead = "full-order" if self.model == "full" else "component"
+            self._say("build", f"left out: no reduced model ({why}); runs are of the {instead} model")
+            return
+
+        def make(target: Path, resume: bool) -> str:
+            build(
+                self.path, parameters=self.settings, overrides=self.overrides, output=target, resume=resume,
+                on_all_ranks=False, comm=self.comm,
+            )  # fmt: skip
+            return ""
+
+        self._step("build", ROM, (), make, headline_of_build)
+
+    def simulate(self) -> None:
+        """Run the model once."""
+
+        def make(target: Path, resume: bool) -> str:
+            simulate(**self._source(with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
+            return ""
+
+        self._step("simulate", RUN, (self._made_from(),), make, headline_of_run)
+
+    def compare(self) -> None:
+        """Run a better model of the same case, where that is affordable."""
+        if self.model == "full":
+            self._say("compare", "left out: the run is full-order; there is no better model")
+            return
+        known = (self._made_from(),)
+        if self._is_finished(BETTER, known):  # what the better model takes need not be known
+            self._take("compare", BETTER, self._headline_of_comparison, again=True)
+            return
+        try:
+            better = self._better()
+        except InputError as error:
+            self._say("compare", f"left out: {str(error).removeprefix('compare: ')}")
+            return
+        if better is None:
+            return
+        self._say("compare", better.why)
+
+        def make(target: Path, resume: bool) -> str:
+            with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
+                model, _ = settled(better.model, self.comm)
+                keeper.result(simulate_full(model, self.comm), self.path.parent)
+            return ""
+
+        self._step("compare", BETTER, known, make, self._headline_of_comparison)
+
+    def _headline_of_comparison(self, better: Path) -> str:
+        return headline_of_comparison(self._of(RUN), better)
+
+    def _better(self) -> Reference | None:
+        """Return the model to compare with; None, after saying why, where the mesh is too dear for component runs."""
+        comm, demand = self.comm, Demand(
+            "compare", self.n_steps, "all runs", "or shorten simulation.duration", self.scene.reduction.modes
+        )  # fmt: skip
+        if self.model == "reduced":
+            return choose_reference(self.scene, self.meshes, self.kinematics, demand, comm)
+        missing = why_no_full_model(self.scene)
+        if missing:
+            raise InputError(missing)
+        budget = self.scene.reference.budget
+        with agreed(comm, "preparing the full-order model"):
+            mesh = FullModel(self.scene, self.meshes, self.kinematics)
+            price = Price(step_seconds(mesh.kinematics.mechanism), self.n_steps)
+        text = f"the mesh: its run is predicted to take {price} of processor time"
+        if price.seconds > budget:
+            self._say("compare", f"left out: {text}, and reference.budget = {budget:g} s")
+            return None
+        return Reference(mesh, price, f"{text}, within reference.budget = {budget:g} s", {})
+
+    def sample(self, n_samples: int, seed: int) -> None:
+        """Draw samples."""
+        if not any(parameter.distribution is not None for parameter in self.scene.parameters.values()):
+            self._say("ensemble", "left out: no parameter has a distribution")
+            return
+        if self.model != "reduced" and not self._affordable(n_samples):
+            return
+
+        def make(target: Path, resume: bool) -> str:
+            found = montecarlo(
+                n=n_samples, seed=seed, output=target, resume=resume, on_all_ranks=False, comm=self.comm,
+                **self._source(with_settings=False),
+            )  # fmt: skip
+            failed = self.comm.bcast(found.data is not None and bool(found.status.any()))
+            return f"some samples failed; {target} says which" if failed else ""
+
+        known = (self._made_from(), n_samples, seed)
+        self._step("ensemble", MANY, known, make, headline_of_ensemble)
+
+    def _affordable(self, n_samples: int) -> bool:
+        """Say what samples of a model that is not reduced will take, and whether they are within the budget."""
+        comm, budget = self.comm, self.scene.reference.budget
+        if self.model == "components":
+            mechanism = component_model(self.scene, self.meshes, comm, None, self.kinematics).kinematics.mechanism
+        else:
+            mechanism = self.kinematics.mechanism
+        price = Price(step_seconds(mechanism), self.n_steps * n_samples)
+        text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {budget:g} s"
+        fine = price.seconds <= budget
+        self._say("ensemble", text if fine else f"left out: {text}; take fewer with -n, or raise it")
+        return fine
+
+    def write_report(self, page: Path) -> None:
+        """Write the page of all files that are there."""
+        from pgmp_petsc.report.page import write_report
+
+        for line in on_root(self.comm, write_report, self.files, page):
+            self._say("report", line)
+
+    def _step(
+        self, title: str, name: str, known: tuple, make: Callable[[Path, bool], str], headline: Callable[[Path], str]
+    ) -> None:
+        """Make a file unless it is finished, and say in a line what is in it."""
+        comm, target = self.comm, self._of(name)
+        if self._is_finished(name, known):
+            self._take(title, name, headline, again=True)
+            return
+        key = self._key(name, known)
+        resume = not self.force and on_root(comm, self.steps.was_begun, name, key)
+        on_root(comm, self.steps.begin, name, key)
+        try:
+            with untold():
+                failure = make(target, resume)
+        except RunError as error:
+            # a run that stopped early has its file, which the report shows
+            if not on_root(comm, self._is_written, target):
+                raise
+            failure = str(error)
+        on_root(comm, self.steps.finish, name, key, failure)
+        self._take(title, name, headline, again=False)
+
+    def _key(self, name: str, known: tuple) -> str:
+        """Return the checksum of what a file is made from: the scene, its meshes, and what else is known."""
+        return identity(self.key, name, known)
+
+    def _is_finished(self, name: str, known: tuple) -> bool:
+        """Return whether a file of an earlier run may be taken."""
+        return not self.force and on_root(self.comm, self.steps.is_finished, name, self._key(name, known))
+
+    def _take(self, title: str, name: str, headline: Callable[[Path], str], again: bool) -> None:
+        """Keep a file for the report, and say in a line what is in it."""
+        target = self._of(name)
+        self.files.append(target)
+        failure = on_root(self.comm, self.steps.failure, name)
+        self.failures += [failure] if failure else []
+        ahead = " (finished before; --force does it again)" if again else ""
+        self._say(title, f"{on_root(self.comm, headline, target)} -> {target}{ahead}")
+
+    def _is_written(self, target: Path) -> bool:
+        """Return whether the step that failed left its file, which is newer than its note in the ledger."""
+        ledger = self._of(LABEL)
+        return target.exists() and target.stat().st_mtime_ns >= ledger.stat().st_mtime_ns
+
+    def _source(self, with_settings: bool) -> dict[str, object]:
+        """Return the arguments of a call that name the model."""
+        if self.model == "reduced":
+            return {"source": self._of(ROM)}
+        settings = self.settings if with_settings else self._settings_of_fixed()
+        return {"source": self.path, "model": self.model, "parameters": settings, "overrides": self.overrides}
+
+    def _settings_of_fixed(self) -> tuple[str, ...]:
+        """Return the settings of parameters that are not drawn."""
+        names = [setting.partition("=")[0].strip() for setting in self.settings]
+        return tuple(
+            setting for name, setting in zip(names, self.settings) if self.scene.parameters[name].distribution is None
+        )
+
+    def _made_from(self) -> str:
+        """Return the checksum of the reduced model that a step runs; empty where there is none."""
+        return on_root(self.comm, self.steps.checksum, ROM) if self.model == "reduced" else ""
+
+    def _of(self, name: str) -> Path:
+        return self.steps.folder / name
+
+    def _say(self, title: str, text: str) -> None:
+        tell(self.comm, f"{title:10s} {text}")
