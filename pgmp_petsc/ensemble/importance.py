@@ -113,6 +113,16 @@ class Mixture:
     def _squared_radius(self) -> float:
         return float(_squared_radius(self.outside, self.kernels.centres.shape[1]))
 
+    def with_kernels(self, centres, share):
+        k = self.kernels
+        n = len(centres)
+        kernels = KernelDensity(
+            np.concatenate([k.centres, centres]),
+            np.concatenate([(1.0 - share) * k.shares, np.full(n, share / n)]),
+            np.concatenate([k.deviations, np.ones(n)]),
+        )
+        return Mixture(kernels, self.outside, self.share)
+
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
         d = self.kernels.centres.shape[1]

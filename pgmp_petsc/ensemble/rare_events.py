@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
+from pgmp_petsc.ensemble.rays import directions_of, entries, unlike
 from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
@@ -191,6 +192,7 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
     chains = _Chains(limit_state, seed, d)
     points, g = chains.begin(size)
     levels: list[Level] = []
+    seen = []
     own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
     while len(levels) < MOST_LEVELS:
         g = np.where(np.isnan(g), np.inf, g)
@@ -200,6 +202,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
         if (stuck and threshold > 0.0) or chains.n + size > n_samples - size:
             break  # no nearer to the event, or what would be left is too little to be weighed
         before, families = g, own[passed][np.arange(size) % passed.size]
+        if levels:
+            seen.append((points, own))
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
         levels.append(Level(threshold, passed.size / size, accepted, before))
@@ -207,7 +211,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
             break
     weights: list[np.ndarray] = []
     if levels and levels[-1].threshold == 0.0:
-        weights = chains.weigh(points, families, n_samples - chains.n)
+        seen.append((points, own))
+        weights = chains.weigh(points, families, n_samples, seen, float(np.prod([level.share for level in levels])))
     return RareSamples(
         tuple(levels),
         np.concatenate(chains.points),
@@ -258,7 +263,7 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def weigh(self, points: np.ndarray, families: np.ndarray, n: int) -> list[np.ndarray]:
+    def weigh(self, points: np.ndarray, families: np.ndarray, n_samples: int, seen, probability) -> list[np.ndarray]:
         """Evaluate n points from densities that points of the event make, and return the weights of all rounds but one.
 
         The first round is left out: its density is from points of chains, which are not independent. Points of all
@@ -266,6 +271,10 @@ class _Chains:
         heuristic: Owen and Zhou, Journal of the American Statistical Association 95 (2000) 135-143), which is never
         much larger than that of the best of them.
         """
+        random = self._random()
+        rays = unlike(np.concatenate([directions_of(*level, random) for level in reversed(seen)]))
+        border = entries(self._evaluate, rays, probability)
+        n = n_samples - self.n
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike = families[first]
         known = levelled(centres, counts.astype(float), self._random())
@@ -275,6 +284,8 @@ class _Chains:
         for size in sizes:
             random = self._random()
             density = chosen_density(centres, known, random, alike)
+            if not densities and len(border):
+                density = density.with_kernels(border, 0.5)
             densities.append(density)
             drawn = density.draw(size, random)
             within = self._evaluate(drawn) <= 0.0
