@@ -171,7 +171,7 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
@@ -199,7 +199,7 @@ def _result(
     )
 
 
-def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
+def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
     """Return what the reader of a probability has to know."""
     remarks, n_failed = [], int(np.count_nonzero(status))
     if not found.reached:

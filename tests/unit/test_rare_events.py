@@ -21,7 +21,7 @@ from pgmp_petsc.ensemble.importance import (
     log_normal,
 )
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
-from pgmp_petsc.ensemble.rare_run import _remarks, event_of
+from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3
@@ -224,7 +224,7 @@ def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     series = norm.isf(2.5e-5)
     lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1)
     assert lost.may_have_lost_parts
-    assert any("parts that lie apart" in one.text for one in _remarks(lost, np.zeros(3000), True))
+    assert any("parts that lie apart" in one.text for one in rare_remarks(lost, np.zeros(3000), True))
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not find(both_sides, 2, 2000, 1).may_have_lost_parts
     assert not find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
