@@ -117,8 +117,8 @@ def rare(n_samples: int, repetitions: int, at: Sequence[float], of: Sequence[str
             rows.append([f"{name}, {d}", f"{exact:.0e}", *_figures([one for one in found if one.reached], exact)])
             rows[-1].append(str(sum(not one.reached for one in found)))
     header = [
-        "limit state, parameters", "probability", "bias, %", "error, %", "said, %", "intervals that hold, %", "width, %",
-        "of those that miss warn", "weighted samples", "error of the levels alone, %", "not reached",
+        "limit state, parameters", "probability", "bias, %", "error, %", "said, %", "intervals that hold, %",
+        "width, %", "of those that miss warn", "weighted samples", "error of the levels alone, %", "not reached",
     ]  # fmt: skip
     words = (
         f"Root-mean-square errors of {repetitions} runs of {n_samples} samples each; intervals of {100 * LEVEL:g} %, "

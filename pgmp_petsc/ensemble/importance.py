@@ -14,11 +14,11 @@ Points of the event are distributed as ``phi(u) / P``, so that their mean of ``l
 how far q is from that (the cross-entropy: Rubinstein and Kroese 2004; the mean of ``phi / q``, which is the variance of
 the weights, rests on a few points of 300 in 20 variables). It chooses a, the number of clusters, or the ball, on points
 that had no part in q. In d variables an error e in the mean of a cluster multiplies the variance of the weights by
-about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk (`_shrunk_mean`), and no point
-weighs more than sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only
-moves q, not what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not
-both, and all their clusters count the same (`levelled`): a part of the event that chance has left a few of them is
-sampled.
+about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk beside the slope of g, which
+few points know well where a part of the event has a nearly plane border (`_shrunk_mean`), and no point weighs more than
+sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only moves q, not
+what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not both, and all
+their clusters count the same (`levelled`): a part of the event that chance has left a few of them is sampled.
 
 A share of the samples is from kernels about points as they are, with s = 1, and a share from outside the ball (a
 defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight,
@@ -186,7 +186,8 @@ def chosen_density(
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
     if np.log(outside) < least:  # all weights are `outside`
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
-    found = _density(points, weights, cluster_means(points, weights, families, values, n_clusters, random), factor, random)
+    clusters = cluster_means(points, weights, families, values, n_clusters, random)
+    found = _density(points, weights, clusters, factor, random)
     main = 1.0 - DEFENSIVE - OUTSIDE
     kernels = KernelDensity(
         np.concatenate([found.centres, broad]),
@@ -264,7 +265,12 @@ def _density(
 
 
 def cluster_means(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray, n_clusters: int, random: np.random.Generator
+    points: np.ndarray,
+    weights: np.ndarray,
+    families: np.ndarray,
+    values: np.ndarray,
+    n_clusters: int,
+    random: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
     labels = _labels(points, weights, n_clusters, random)

@@ -147,8 +147,9 @@ class RareSamples:
     def may_have_lost_parts(self) -> bool:
         """Whether the event has parts that lie apart, and nothing has looked for further ones.
 
-        Chains lose parts by chance. Samples from outside the ball find a part as likely as the event is, where that is
-        less than once to be expected, hardly ever: in many variables nearly everything is outside.
+        Rays lead to parts that a level has seen, and levels miss parts by chance. Samples from outside the ball find a
+        part as likely as the event is, where that is less than once to be expected, hardly ever: in many variables
+        nearly everything is outside.
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0

@@ -226,9 +226,9 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Re
         if found.may_have_lost_parts:
             remarks.append(
                 warning(
-                    "the event has parts that lie apart, and in so many variables a part that chains have lost is not "
-                    "found again: the probability may be too small by whole parts, of which the interval does not "
-                    "know; compare other seeds, or take a larger -n"
+                    "the event has parts that lie apart, and in so many variables a part that no level has seen is not "
+                    "found: the probability may be too small by whole parts, of which the interval does not know; "
+                    "compare other seeds, or take a larger -n"
                 )
             )
         if not 1.0 / APART < found.by_levels / found.probability < APART:
