@@ -28,6 +28,7 @@ import numpy as np
 
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
 from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
+from pgmp_petsc.ensemble.intervals import freedom_of
 from pgmp_petsc.ensemble.rays import directions_of, entrances, unlike
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
@@ -118,6 +119,10 @@ class RareSamples:
         return np.where(own <= 0.0, self.weights, 0.0)
 
     @property
+    def _of_rounds(self) -> list[np.ndarray]:
+        return np.split(self.contributions, np.cumsum(self.rounds)[:-1])
+
+    @property
     def probability(self) -> float:
         """The probability; NaN where the event was not reached."""
         return float(self.contributions.mean()) if self.reached else np.nan
@@ -134,8 +139,7 @@ class RareSamples:
         found = self.contributions
         if not found.any():
             return np.nan
-        each = np.split(found, np.cumsum(self.rounds)[:-1])
-        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in each)) / found.sum())
+        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in self._of_rounds)) / found.sum())
 
     @property
     def n_effective(self) -> float:
@@ -161,13 +165,15 @@ class RareSamples:
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
 
-        Student's t, with the freedom of as many samples as the weighted ones are worth.
+        Student's t, with the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves
+        their variance (`intervals.freedom_of`): a few large weights decide on it.
         """
         from scipy.special import stdtrit
 
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)
-        reach = float(stdtrit(max(self.n_effective - 1.0, 1.0), 0.5 + 0.5 * confidence))
+        freedom = freedom_of(np.concatenate([one - one.mean() for one in self._of_rounds]), self.n_effective - 1.0)
+        reach = float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * confidence))
         spread = np.sqrt(np.log1p(self.variation**2)) * reach
         return np.minimum(self.probability * np.exp([-spread, spread]), 1.0)
 
