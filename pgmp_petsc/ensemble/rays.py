@@ -3,7 +3,8 @@
 Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
 known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
 through the means of the clusters of all levels enter the event near the design points of its parts, which importance
-sampling of events with several parts takes for centres (Au, Papadimitriou and Beck, Structural Safety 21 (1999) 113-133).
+sampling of events with several parts takes for centres (Au, Papadimitriou and Beck, Structural Safety 21 (1999)
+113-133).
 
 A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
 the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
