@@ -145,8 +145,9 @@ def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.nd
     """Return mean, deviation and bias from values of all models, as `joined.mean_of` takes them."""
     best, own = values[0], values[-1]
     nearer = joined.calibrated(values)
-    mean = joined.mean_of(nearer, replicates)
-    deviation, of_deviation = joined.deviation_of(nearer, mean, confidence, replicates)
+    n_curved = sum(one is not other for one, other in zip(nearer, values))
+    mean = joined.mean_of(nearer, replicates, n_curved)
+    deviation, of_deviation = joined.deviation_of(nearer, mean, confidence, replicates, n_curved)
     # the cheapest model less the best, with the same controls
     bias = joined.mean_of([own[: best.size] - best, *values[1:]], replicates)
     if replicates is None:

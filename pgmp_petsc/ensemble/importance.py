@@ -14,11 +14,11 @@ Points of the event are distributed as ``phi(u) / P``, so that their mean of ``l
 how far q is from that (the cross-entropy: Rubinstein and Kroese 2004; the mean of ``phi / q``, which is the variance of
 the weights, rests on a few points of 300 in 20 variables). It chooses a, the number of clusters, or the ball, on points
 that had no part in q. In d variables an error e in the mean of a cluster multiplies the variance of the weights by
-about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk (`_shrunk_mean`), and no point
-weighs more than sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only
-moves q, not what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not
-both, and all their clusters count the same (`levelled`): a part of the event that chance has left a few of them is
-sampled.
+about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk beside the slope of g, which
+few points know well where a part of the event has a nearly plane border (`_shrunk_mean`), and no point weighs more than
+sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only moves q, not
+what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not both, and all
+their clusters count the same (`levelled`): a part of the event that chance has left a few of them is sampled.
 
 A share of the samples is from kernels about points as they are, with s = 1, and a share from outside the ball (a
 defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight,
@@ -44,6 +44,8 @@ FEWEST = 10  # points a cluster
 APART = 4.0  # deviations between the means of clusters that lie apart
 TRIES = 5  # starts of clusters
 SHRUNK = 2.0  # squared errors of a mean that are taken from its square; 4 does no better, 0 twice as badly
+STRAIGHT = 0.3  # share of the variance of g that a straight line may leave, for its slope to be believed
+PER_SLOPE = 3  # points a variable
 KERNELS = 120  # about as many of the points; more take time and add little
 FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
 AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
@@ -113,6 +115,18 @@ class Mixture:
     def _squared_radius(self) -> float:
         return float(_squared_radius(self.outside, self.kernels.centres.shape[1]))
 
+    def with_kernels(self, centres: np.ndarray, share: float) -> Mixture:
+        """Return this mixture with kernels of deviation 1 about further centres (n, d), with a share of the kernels."""
+        n, own = len(centres), self.kernels
+        if not n:
+            return self
+        kernels = KernelDensity(
+            np.concatenate([own.centres, centres]),
+            np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
+            np.concatenate([own.deviations, np.ones(n)]),
+        )
+        return Mixture(kernels, self.outside, self.share)
+
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
         d = self.kernels.centres.shape[1]
@@ -137,7 +151,11 @@ def log_normal(points: np.ndarray) -> np.ndarray:
 
 
 def chosen_density(
-    points: np.ndarray, weights: np.ndarray, random: np.random.Generator, families: np.ndarray | None = None
+    points: np.ndarray,
+    weights: np.ndarray,
+    random: np.random.Generator,
+    families: np.ndarray | None = None,
+    values: np.ndarray | None = None,
 ) -> Mixture:
     """Return the density that is nearest to that of the event's points.
 
@@ -150,13 +168,17 @@ def chosen_density(
     families
         Numbers of the families of points that are alike, shape (m,): a family makes densities or tries them. None
         where all points are independent.
+    values
+        g of the points, shape (m,), whose slope tells where a part of the event lies (`_shrunk_mean`). None where it is
+        not known.
     """
     families = np.arange(len(points)) if families is None else families
+    values = np.zeros(len(points)) if values is None else values
     weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
     scores: dict[tuple[int, float], float] = {}
     for make, test in _halves(families, random):
         other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
-        for choice, density in _densities(points[make], weights[make], families[make], random):
+        for choice, density in _densities(points[make], weights[make], families[make], values[make], random):
             distance = np.average(log_normal(other) - density.log(other), weights=of_other)
             scores[choice] = scores.get(choice, 0.0) + 0.5 * distance
     outside = outside_of(points)
@@ -164,7 +186,8 @@ def chosen_density(
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
     if np.log(outside) < least:  # all weights are `outside`
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
-    found = _density(points, weights, _clusters(points, weights, families, n_clusters, random), factor, random)
+    clusters = cluster_means(points, weights, families, values, n_clusters, random)
+    found = _density(points, weights, clusters, factor, random)
     main = 1.0 - DEFENSIVE - OUTSIDE
     kernels = KernelDensity(
         np.concatenate([found.centres, broad]),
@@ -215,12 +238,12 @@ def _some(
 
 
 def _densities(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, random: np.random.Generator
+    points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray, random: np.random.Generator
 ) -> Iterator[tuple[tuple[int, float], KernelDensity]]:
     """Yield all densities of kernels that are tried, each after its number of clusters and factor."""
     for n_clusters in CLUSTERS:
         if n_clusters == 1 or len(points) >= FEWEST * n_clusters:
-            clusters = _clusters(points, weights, families, n_clusters, random)
+            clusters = cluster_means(points, weights, families, values, n_clusters, random)
             for factor in DRAWN:
                 yield (n_clusters, factor), _density(points, weights, clusters, factor, random)
 
@@ -241,13 +264,18 @@ def _density(
     return KernelDensity(means, shares, np.full(len(means), deviation))
 
 
-def _clusters(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, n_clusters: int, random: np.random.Generator
+def cluster_means(
+    points: np.ndarray,
+    weights: np.ndarray,
+    families: np.ndarray,
+    values: np.ndarray,
+    n_clusters: int,
+    random: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
     labels = _labels(points, weights, n_clusters, random)
     found = [
-        (_shrunk_mean(points[own], weights[own], families[own]), weights[own].sum())
+        (_shrunk_mean(points[own], weights[own], families[own], values[own]), weights[own].sum())
         for own in (labels == number for number in range(n_clusters))
         if own.any()
     ]
@@ -255,17 +283,36 @@ def _clusters(
     return means, totals / totals.sum()
 
 
-def _shrunk_mean(points: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.ndarray:
+def _shrunk_mean(points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the mean of points, shape (d,), nearer to 0 in every variable that may be noise alone.
 
     As James and Stein's estimator (Berkeley Symposium 4 (1961) I 361-379), by variable: variables that have no part in
     the event have the mean 0 and, as nearly all others, a variance of 1 at most, over as many families as there are by
-    their weights.
+    their weights. What is left of the mean beside the slope of g is shrunk, as beyond a plane all of it is noise.
     """
     shares = weights / weights.sum()
     mean = np.sum(shares[:, None] * points, axis=0)  # not by BLAS, as in `KernelDensity.log`
     error = np.sum(np.bincount(np.unique(families, return_inverse=True)[1], weights=shares) ** 2)
-    return mean * np.maximum(1.0 - SHRUNK * error / np.maximum(mean**2, 1e-300), 0.0)
+    slope = _slope(points, values)
+    along = np.sum(mean * slope) * slope
+    rest = mean - along
+    return along + rest * np.maximum(1.0 - SHRUNK * error / np.maximum(rest**2, 1e-300), 0.0)
+
+
+def _slope(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the unit vector along which g rises at points (m, d), by least squares; 0 where no straight line fits.
+
+    Its error is what g bends, while that of the mean is 1 over the points in every variable: of a plane it has none.
+    """
+    m, d = points.shape
+    if m < PER_SLOPE * (d + 1) or not np.ptp(values) > 0.0:
+        return np.zeros(d)
+    steps, rises = points - points.mean(axis=0), values - values.mean()
+    matrix = np.einsum("ni,nj->ij", steps, steps)
+    matrix.flat[:: d + 1] += 1e-9 * np.trace(matrix)  # points may lie in a plane, or be one point
+    slope = np.linalg.solve(matrix, np.einsum("ni,n->i", steps, rises)) if matrix[0, 0] > 0.0 else np.zeros(d)
+    left = np.sum((rises - np.sum(steps * slope, axis=1)) ** 2) / (m - d) / (np.sum(rises**2) / m)
+    return slope / np.sqrt(np.sum(slope**2)) if left < STRAIGHT else np.zeros(d)
 
 
 def levelled(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> np.ndarray:

@@ -11,6 +11,7 @@ variance is a sum over strata. Of the first one it is the jackknife's (Efron and
 586-596), which repeats the whole estimate, ``alpha_i`` included, without each sample in turn, and is too large rather
 than too small; of the others, where the mean is linear, the sample variance. Student's t has the freedom of
 Satterthwaite (Biometrics Bulletin 2 (1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`).
+Coefficients take a degree of freedom each (Lavenberg and Welch, Management Science 27 (1981) 322-335).
 
 The variance is the mean of squared distances from the corrected mean, with those of the cheap models as controls; its
 interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through
@@ -104,7 +105,7 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
     return slope * line + curvature * parabola if curved < HALF * straight else other
 
 
-def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) -> Estimate:
+def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0) -> Estimate:
     """Return the mean of the best model.
 
     Parameters
@@ -116,6 +117,8 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) 
         Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
         least; None where samples are independent. The variance is then the jackknife's over replicates, each left out
         in turn with the coefficients of the others.
+    n_curved
+        Number of models that `calibrated` has taken through a parabola: one more coefficient each.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -131,7 +134,8 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) 
             some = [value_of[replicates[: value_of.size] != number] for value_of in values]
             known_of, _, _, squares_of, products_of = _moments(some)
             each.append(_mean(some, np.where(known_of, products_of / squares_of, 0.0)))
-        parts, freedoms = [(len(each) - 1) * np.var(each)], [len(each) - 1]
+        # every coefficient takes a degree, as of independent samples
+        parts, freedoms = [(len(each) - 1) * np.var(each)], [max(len(each) - len(values) - n_curved, 1)]
     else:
         gains = np.array([np.mean(one) - np.mean(one[:n]) for one, n in zip(others, m)])
         weights = 1.0 / m[1:] - 1.0 / m[:-1]  # of a sample that both means of a gain have
@@ -145,7 +149,7 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) 
         moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
         repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
         parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
-        freedoms = [intervals.freedom_of(repeated, max(first - len(values), 1))]
+        freedoms = [intervals.freedom_of(repeated, max(first - len(values) - n_curved, 1))]
         for j in range(len(others)):
             n = int(m[j + 1] - m[j])
             if n:
@@ -186,7 +190,11 @@ def _added(
 
 
 def deviation_of(
-    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None
+    values: Sequence[np.ndarray],
+    mean: Estimate,
+    confidence: float,
+    replicates: np.ndarray | None = None,
+    n_curved: int = 0,
 ) -> tuple[float, np.ndarray]:
     """Return the standard deviation of the best model and its interval (2,).
 
@@ -194,11 +202,11 @@ def deviation_of(
 
     Parameters
     ----------
-    values, mean, replicates
+    values, mean, replicates, n_curved
         As `mean_of` takes and gives them.
     """
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
-    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)], replicates)
+    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)], replicates, n_curved)
     variance = squares.value + mean.variance  # squares about the mean of the same samples are too small by that
     if not variance > 0.0:
         return float("nan"), intervals.UNKNOWN

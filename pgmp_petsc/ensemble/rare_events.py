@@ -9,12 +9,14 @@ that were found.
 
 These points make the density q that further, independent samples are drawn from (`importance`), in rounds: the samples
 of every round that are in the event make the density of the next one. In the chains, parts of an event that lie apart
-have the shares that chance gave their ancestors; weighted samples give them their own. The first round does no more
-than that. Of each later one the mean of ``1[g <= 0] phi(u) / q(u)`` is the probability: unbiased wherever the points
-are, as rounds before are given, so that the rounds are uncorrelated and their variances add. They count as the square
-roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no estimate of how much the later ones are better.
-The interval is that of the central limit theorem. What it rests on is that no part of the event is far from all points:
-in many variables a part that no chain has found has no part in the interval either.
+have the shares that chance gave their ancestors, none at last where a level's seeds miss one; so a share of the samples
+is from where rays through the clusters of all levels enter the event (`rays`). Weighted samples give parts their own
+shares. The first round does no more than that. Of each later one the mean of ``1[g <= 0] phi(u) / q(u)`` is the
+probability: unbiased wherever the points are, as rounds before are given, so that the rounds are uncorrelated and their
+variances add. They count as the square roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no
+estimate of how much the later ones are better. The interval is that of the central limit theorem. What it rests on is
+that no part of the event is far from all points: in many variables a part that no level has seen has no part in the
+interval either.
 """
 
 from __future__ import annotations
@@ -26,12 +28,15 @@ import numpy as np
 
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
 from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
+from pgmp_petsc.ensemble.intervals import freedom_of
+from pgmp_petsc.ensemble.rays import directions_of, entrances, unlike
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
 PART_OF_LEVEL = 8  # of all samples a level has one of so many: with fewer, chains lose parts of an event
 MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
-ROUNDS = 4  # of importance sampling, the first of which has no part in the probability
+AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
+ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
 
@@ -114,6 +119,10 @@ class RareSamples:
         return np.where(own <= 0.0, self.weights, 0.0)
 
     @property
+    def _of_rounds(self) -> list[np.ndarray]:
+        return np.split(self.contributions, np.cumsum(self.rounds)[:-1])
+
+    @property
     def probability(self) -> float:
         """The probability; NaN where the event was not reached."""
         return float(self.contributions.mean()) if self.reached else np.nan
@@ -130,8 +139,7 @@ class RareSamples:
         found = self.contributions
         if not found.any():
             return np.nan
-        each = np.split(found, np.cumsum(self.rounds)[:-1])
-        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in each)) / found.sum())
+        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in self._of_rounds)) / found.sum())
 
     @property
     def n_effective(self) -> float:
@@ -143,8 +151,9 @@ class RareSamples:
     def may_have_lost_parts(self) -> bool:
         """Whether the event has parts that lie apart, and nothing has looked for further ones.
 
-        Chains lose parts by chance. Samples from outside the ball find a part as likely as the event is, where that is
-        less than once to be expected, hardly ever: in many variables nearly everything is outside.
+        Rays lead to parts that a level has seen, and levels miss parts by chance. Samples from outside the ball find a
+        part as likely as the event is, where that is less than once to be expected, hardly ever: in many variables
+        nearly everything is outside.
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0
@@ -156,13 +165,15 @@ class RareSamples:
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
 
-        Student's t, with the freedom of as many samples as the weighted ones are worth.
+        Student's t, with the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves
+        their variance (`intervals.freedom_of`): a few large weights decide on it.
         """
         from scipy.special import stdtrit
 
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)
-        reach = float(stdtrit(max(self.n_effective - 1.0, 1.0), 0.5 + 0.5 * confidence))
+        freedom = freedom_of(np.concatenate([one - one.mean() for one in self._of_rounds]), self.n_effective - 1.0)
+        reach = float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * confidence))
         spread = np.sqrt(np.log1p(self.variation**2)) * reach
         return np.minimum(self.probability * np.exp([-spread, spread]), 1.0)
 
@@ -191,6 +202,7 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
     chains = _Chains(limit_state, seed, d)
     points, g = chains.begin(size)
     levels: list[Level] = []
+    directions: list[np.ndarray] = []
     own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
     while len(levels) < MOST_LEVELS:
         g = np.where(np.isnan(g), np.inf, g)
@@ -202,12 +214,16 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
         before, families = g, own[passed][np.arange(size) % passed.size]
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
+        directions.append(directions_of(points, own, g, chains.random()))
         levels.append(Level(threshold, passed.size / size, accepted, before))
         if threshold == 0.0:
             break
     weights: list[np.ndarray] = []
     if levels and levels[-1].threshold == 0.0:
-        weights = chains.weigh(points, families, n_samples - chains.n)
+        # those of the last level first, which know them best
+        rays = unlike(np.concatenate(directions[::-1]), n_samples - chains.n)
+        centres = entrances(chains.evaluate, rays, float(np.prod([level.share for level in levels])))
+        weights = chains.weigh(points, g, families, centres, n_samples - chains.n)
     return RareSamples(
         tuple(levels),
         np.concatenate(chains.points),
@@ -234,14 +250,14 @@ class _Chains:
 
     def begin(self, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Return independent points and g."""
-        points = self._random().standard_normal((size, self._d))
-        return points, self._evaluate(points)
+        points = self.random().standard_normal((size, self._d))
+        return points, self.evaluate(points)
 
     def go_on(
         self, seeds: np.ndarray, g: np.ndarray, threshold: float, size: int
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return points (size, d) that pass a threshold, their g, and the share of accepted steps."""
-        random, deviation = self._random(), np.minimum(seeds.std(axis=0), 1.0)
+        random, deviation = self.random(), np.minimum(seeds.std(axis=0), 1.0)
         current, value = seeds, g
         points, values, accepted = [seeds], [g], []
         while sum(map(len, points)) < size:
@@ -249,7 +265,7 @@ class _Chains:
             current, value = current[:left], value[:left]
             sigma = np.minimum(self._spread * deviation, 1.0)
             candidate = np.sqrt(1.0 - sigma**2) * current + sigma * random.standard_normal(current.shape)
-            found = self._evaluate(candidate)
+            found = self.evaluate(candidate)
             better = found <= threshold
             current, value = np.where(better[:, None], candidate, current), np.where(better, found, value)
             accepted.append(better.mean())
@@ -258,41 +274,46 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def weigh(self, points: np.ndarray, families: np.ndarray, n: int) -> list[np.ndarray]:
+    def weigh(
+        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, n: int
+    ) -> list[np.ndarray]:
         """Evaluate n points from densities that points of the event make, and return the weights of all rounds but one.
 
-        The first round is left out: its density is from points of chains, which are not independent. Points of all
-        rounds make the next density, each with the weight of the mixture of all densities so far (the balance
-        heuristic: Owen and Zhou, Journal of the American Statistical Association 95 (2000) 135-143), which is never
-        much larger than that of the best of them.
+        The first round is left out: its density is from points of chains, which are not independent, and half of it is
+        about where rays enter the event. Points of all rounds make the next density, each with the weight of the
+        mixture of all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical
+        Association 95 (2000) 135-143), which is never much larger than that of the best of them.
         """
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
-        alike = families[first]
-        known = levelled(centres, counts.astype(float), self._random())
+        alike, values = families[first], g[first]
+        known = levelled(centres, counts.astype(float), self.random())
         sizes = np.full(ROUNDS, n // ROUNDS)
         sizes[-1] += n % ROUNDS
-        weights, inside, densities = [], np.zeros((0, points.shape[1])), []
-        for size in sizes:
-            random = self._random()
-            density = chosen_density(centres, known, random, alike)
+        weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
+        for size, share in zip(sizes, AT_ENTRANCES):
+            random = self.random()
+            density = chosen_density(centres, known, random, alike, values).with_kernels(entrances, share)
             densities.append(density)
             drawn = density.draw(size, random)
-            within = self._evaluate(drawn) <= 0.0
+            found = self.evaluate(drawn)
+            within = found <= 0.0
             weights.append(np.exp(log_normal(drawn) - density.log(drawn)))
-            inside = np.concatenate([inside, drawn[within]])
+            inside, g_inside = np.concatenate([inside, drawn[within]]), np.concatenate([g_inside, found[within]])
             if len(inside) >= ENOUGH:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
-                centres, alike = inside, None
+                centres, alike, values = inside, None, g_inside
                 known = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
         roots = np.sqrt(np.arange(1, ROUNDS))
         roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
         return [root * of_round for root, of_round in zip(roots, weights[1:])]
 
-    def _random(self) -> np.random.Generator:
+    def random(self) -> np.random.Generator:
+        """Return the next stream."""
         self._number += 1
         return stream(self._seed, OF_RARE, self._number)
 
-    def _evaluate(self, points: np.ndarray) -> np.ndarray:
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Return g of points (n, d), shape (n,), and keep both."""
         found = self._limit_state(points)
         self.points.append(points)
         self.values.append(found)

@@ -171,7 +171,7 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
@@ -199,7 +199,7 @@ def _result(
     )
 
 
-def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
+def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
     """Return what the reader of a probability has to know."""
     remarks, n_failed = [], int(np.count_nonzero(status))
     if not found.reached:
@@ -226,9 +226,9 @@ def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark
         if found.may_have_lost_parts:
             remarks.append(
                 warning(
-                    "the event has parts that lie apart, and in so many variables a part that chains have lost is not "
-                    "found again: the probability may be too small by whole parts, of which the interval does not "
-                    "know; compare other seeds, or take a larger -n"
+                    "the event has parts that lie apart, and in so many variables a part that no level has seen is not "
+                    "found: the probability may be too small by whole parts, of which the interval does not know; "
+                    "compare other seeds, or take a larger -n"
                 )
             )
         if not 1.0 / APART < found.by_levels / found.probability < APART:

@@ -208,7 +208,8 @@ def test_the_variance_of_replicates_is_that_of_repetitions_without_each() -> Non
         without.append(intercept + slope * of_x.mean())
     found = joined.mean_of([y, x], numbers)
     assert found.variance == pytest.approx(3.0 / 4.0 * np.sum((without - np.mean(without)) ** 2), rel=1e-9)
-    assert found.freedom == 3
+    assert found.freedom == 2  # four replicates, a mean and a coefficient
+    assert joined.mean_of([y, x], numbers, 1).freedom == 1 == joined.mean_of([y, x], numbers % 2).freedom
 
 
 def test_few_samples_have_no_interval_of_the_deviation() -> None:

@@ -15,13 +15,15 @@ from pgmp_petsc.ensemble.importance import (
     Mixture,
     _halves,
     _shrunk_mean,
+    _slope,
     chosen_density,
     levelled,
     lie_apart,
     log_normal,
 )
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
-from pgmp_petsc.ensemble.rare_run import _remarks, event_of
+from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
+from pgmp_petsc.ensemble.rays import directions_of, entrances, unlike
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3
@@ -190,10 +192,83 @@ def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
 def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
     points = np.tile([4.0, 0.2, -0.3], (10, 1))
     # of five families of two each the squared error is 1 / 5
-    found = _shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2))
+    unknown = np.zeros(10)
+    found = _shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
     np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
-    alone = _shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int))
+    alone = _shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
     np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
+
+
+def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_not() -> None:
+    random, d = np.random.default_rng(9), 20
+    normal = np.full(d, 1.0 / np.sqrt(d))
+    points = random.standard_normal((70, d))
+    points += np.outer(4.0 + random.exponential(0.25, 70) - points @ normal, normal)
+    found = _shrunk_mean(points, np.ones(70), np.arange(70), 4.0 - points @ normal)
+    # without the slope the mean is off by sqrt(d / 70) = 0.5; what passes for signal beside it is 0.2 to 0.3 of that
+    along = found @ normal
+    assert along == pytest.approx(np.mean(points @ normal), rel=1e-6)
+    unknown = _shrunk_mean(points, np.ones(70), np.arange(70), np.zeros(70))
+    assert np.linalg.norm(found - along * normal) < 0.8 * np.linalg.norm(unknown - unknown @ normal * normal)
+    np.testing.assert_allclose(_slope(points, 4.0 - points @ normal), -normal, atol=1e-6)
+    around = random.standard_normal((200, 2))
+    for some, values in (
+        (around, 3.0 - np.hypot(*around.T)),  # bent, not straight
+        (points[:62], points[:62] @ normal),  # fewer than three a variable and one
+        (np.ones((70, d)), np.arange(70.0)),  # one point
+        (points, np.ones(70)),  # level
+    ):
+        np.testing.assert_array_equal(_slope(some, values), np.zeros(some.shape[1]))
+
+
+def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
+    evaluated = []
+
+    def limit_state(u: np.ndarray) -> np.ndarray:
+        evaluated.append(len(u))
+        return np.where(u[:, 1] < -3.0, np.nan, norm.isf(1e-4) - np.abs(u[:, 0]))
+
+    slanted = np.array([0.8, 0.6])
+    rays = np.array([[1.0, 0.0], [-1.0, 0.0], slanted, [0.0, 1.0], [0.0, -1.0]])
+    found = entrances(limit_state, rays, 1e-4)
+    distances = norm.isf(1e-4) * np.array([1.0, 1.0, 1.25])
+    # bisection leaves a 32nd of the way to where a plane has a thousandth of the probability
+    off = np.linalg.norm(found, axis=1) - distances
+    assert np.all(off >= 0.0) and np.all(off <= norm.isf(1e-7) / 32)
+    np.testing.assert_allclose(found / np.linalg.norm(found, axis=1)[:, None], rays[:3], rtol=1e-12)
+    assert evaluated == [5, 3, 3, 3, 3, 3]
+    # a level that is farther than a part of a thousandth is left
+    assert entrances(plane(2, 5.5), np.eye(2), 1e-4).shape == (0, 2)
+    assert entrances(limit_state, np.zeros((0, 2)), 1e-4).shape == (0, 2) and len(evaluated) == 6
+
+
+def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
+    angles = np.radians([0.0, 20.0, 90.0, 100.0, 180.0])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    np.testing.assert_array_equal(unlike(directions, 2000), directions[[0, 2, 4]])
+    np.testing.assert_array_equal(unlike(directions, 100), directions[[0, 2]])  # 6 evaluations each, an eighth of 100
+    assert unlike(directions, 40).shape == (0, 2)
+
+
+def test_directions_are_those_of_the_parts_of_an_event() -> None:
+    random = np.random.default_rng(10)
+    points = random.standard_normal((600, 10))
+    points[np.arange(600), np.arange(600) % 4] = 3.0 + random.exponential(0.3, 600)
+    found = directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-12)
+    assert np.all(found[:, :4].max(axis=0) > 0.8)
+    # the mean of points all around is shrunk to nothing
+    assert directions_of(np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random).shape == (0, 2)
+
+
+def test_all_parts_of_a_series_in_10_variables_have_their_shares() -> None:
+    """Chains alone lost one of the four in a quarter of the runs, and left another to a few heavy samples."""
+    for seed in range(5):
+        found = find(lambda u: norm.isf(2.5e-6) - u[:, :4].max(axis=1), 10, 5000, seed)
+        part = found.points[-found.weights.size :, :4].argmax(axis=1)
+        shares = np.bincount(part, weights=found.contributions, minlength=4) / found.contributions.sum()
+        # a quarter each, known to about a fifth of that
+        assert shares.min() > 0.1 and found.limit_state.size <= 5000
 
 
 def test_a_small_cluster_counts_as_much_as_others() -> None:
@@ -224,7 +299,7 @@ def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     series = norm.isf(2.5e-5)
     lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1)
     assert lost.may_have_lost_parts
-    assert any("parts that lie apart" in one.text for one in _remarks(lost, np.zeros(3000), True))
+    assert any("parts that lie apart" in one.text for one in rare_remarks(lost, np.zeros(3000), True))
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not find(both_sides, 2, 2000, 1).may_have_lost_parts
     assert not find(plane(12, ONE_IN_TEN_THOUSAND), 12, 3000, 1).may_have_lost_parts
@@ -235,6 +310,9 @@ def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
 def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
     kernels = KernelDensity(np.array([[-3.0], [4.0]]), np.array([0.6, 0.4]), np.array([1.0, 0.8]))
     mixture = Mixture(kernels, float(2.0 * norm.sf(2.0)), 0.3)
+    assert mixture.with_kernels(np.zeros((0, 1)), 0.5) is mixture
+    mixture = mixture.with_kernels(np.array([[5.0], [-6.0]]), 0.25)
+    np.testing.assert_allclose(mixture.kernels.shares, [0.45, 0.3, 0.125, 0.125])
     x = np.linspace(-12.0, 12.0, 480_001)
     values = np.exp(mixture.log(x[:, None]))
     # it jumps at -2 and 2, by half a step of the trapezoid rule each
