@@ -47,10 +47,12 @@ def locate_all(q, grid, place):
     for k in range(len(grid)):
         theta, n = load(q, k), float(grid[k].n_cells)
         theta = blend(exceeding(absolute(theta), spread(FURTHEST)), spread(grid[k].lower), theta)
-        position = (theta - grid[k].lower) / grid[k].step
+        # division of vectors takes as long as twenty products: it is done once, of numbers
+        position = (theta - grid[k].lower) * (1.0 / grid[k].step)
         cell = floor(position)
         if grid[k].periodic:
-            number = number * n + (cell - n * floor(cell / n))
+            # half a cell on, so that the round-off of the quotient does not reach the next whole number
+            number = number * n + (cell - n * floor((cell + 0.5) * (1.0 / n)))
         else:
             cell = larger(cell, spread(0.0))
             cell = blend(exceeding(cell, spread(n - 1.0)), spread(n - 1.0), cell)

@@ -15,7 +15,7 @@ from pgmp_petsc.dynamics.reduced_arrays import Strengths
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.runtime.vectors import LANES, blend, first_lane, load, spread, store
 
 
 class Clocks(NamedTuple):
@@ -98,6 +98,14 @@ def set_out(strengths, functions, scheme, steps, lanes, n_steps, expected, clock
     """
     first, ends, _ = steps
     search, now = clocks.search, clocks.strengths
+    if search.depths.shape[0] == 0:  # all of them go in step
+        number = n_steps[first_lane(lanes)]
+        if (first + number + 1) % PROBED_EVERY == 0:
+            store(expected, 0, blend(lanes, spread(FIRST_CONTRACTION), load(expected, 0)))
+        _put_in_all(strengths.loads, number, now.loads)
+        _put_in_all(strengths.actions, number, now.actions)
+        _put_in_all(strengths.motions, number, now.motions)
+        return
     for lane in range(LANES):
         if not lanes & (1 << lane):
             continue
@@ -115,6 +123,13 @@ def set_out(strengths, functions, scheme, steps, lanes, n_steps, expected, clock
                 now.motions[k, lane] = strengths.motions[number, k]
         else:
             _find_between(functions, ends[number] - search.left[lane] + duration, lane, now)
+
+
+@njit(inline="always")
+def _put_in_all(rows, number, now):
+    """Put row `number` of several numbers into all lanes."""
+    for k in range(now.shape[0]):
+        store(now, k, spread(rows[number, k]))
 
 
 @njit(error_model="numpy", counted=False)

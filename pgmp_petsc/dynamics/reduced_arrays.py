@@ -63,9 +63,11 @@ class Work(NamedTuple):
 
     Attributes
     ----------
-    q, v, a, rate
-        Coordinates; velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
-        ``Layout.quadratic``); velocities as damping sees them; n_eta each.
+    q, rate, acceleration
+        Coordinates of the iterate and their derivatives, n_eta each.
+    v, a
+        Velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
+        ``Layout.quadratic``), n_eta each.
     balance
         The residual, n_eta.
     rigid, rigid_slope
@@ -79,16 +81,15 @@ class Work(NamedTuple):
         ``V delta``, packed.
     along, across
         Products of a matrix with delta and with delta', n_delta each.
-    kept_a
-        Accelerations of the iterate, n_eta.
     place
         In the cells, n_theta, rad.
     """
 
     q: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    rate: np.ndarray
     balance: np.ndarray
     rigid: np.ndarray
     rigid_slope: np.ndarray
@@ -100,7 +101,6 @@ class Work(NamedTuple):
     bent: np.ndarray
     along: np.ndarray
     across: np.ndarray
-    kept_a: np.ndarray
     place: np.ndarray
 
 
@@ -253,6 +253,7 @@ def allocate(layout):
         empty_lanes(n, LANES),
         empty_lanes(n, LANES),
         empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
         empty_lanes(layout_n_rigid(r), LANES),
         empty_lanes(r * layout_n_rigid(r), LANES),
         empty_lanes(layout.load_end, LANES),
@@ -263,7 +264,6 @@ def allocate(layout):
         empty_lanes(m * (m + 1) // 2, LANES),
         empty_lanes(max(r, m), LANES),
         empty_lanes(max(r, m), LANES),
-        empty_lanes(n, LANES),
         empty_lanes(r, LANES),
     )
 

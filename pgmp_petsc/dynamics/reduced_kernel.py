@@ -18,6 +18,7 @@ from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rig
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
 from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
+    EVERY_LANE,
     LANES,
     N_POWERS,
     absolute,
@@ -37,7 +38,7 @@ from pgmp_petsc.runtime.vectors import (
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy", forceinline=True, counted=False)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def interpolate(equations, memory, block, amplitudes, work):
     """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
     layout, tables, weights = equations.layout, equations.tables, equations.weights
@@ -79,12 +80,11 @@ def interpolate(equations, memory, block, amplitudes, work):
                     store(work.load_slope, k * layout.load_end + entry, total[k])
 
 
-@njit(error_model="numpy", forceinline=True, counted=False)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
-    """Evaluate residual and, if `fresh`, iteration matrix of a block, at ``work.q``, ``work.rate`` and ``work.a``.
+    """Evaluate residual and, if `fresh`, iteration matrix of a block, at ``work.q``, ``work.rate`` and ``work.acceleration``.
 
-    Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own. ``work.a``
-    becomes the accelerations as the inertia forces see them.
+    Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own.
     """
     layout = equations.layout
     r, n = len(layout.rigid), layout.n_eta
@@ -93,7 +93,8 @@ def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
     for i in range(n):
         rate = load(work.rate, i)
         store(work.v, i, rate if layout.quadratic else spread(0.0))
-        store(work.a, i, load(work.a, i) + rate * equations.mass_damping)
+        # the inertia forces see other accelerations where damping is proportional to the mass
+        store(work.a, i, load(work.acceleration, i) + rate * equations.mass_damping)
     place = load_rows(work.place, 0, 1, layout.rigid)
     matrix = matrix_of(memory, block)
     evaluate(
@@ -108,7 +109,7 @@ def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
             add_tangents(acting.tangent, r, matrix)
 
 
-@njit(error_model="numpy", forceinline=True, counted=False)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     """Replace ``work.balance`` of a block by its Newton correction; see `evaluate_block`."""
     layout = equations.layout
@@ -138,11 +139,20 @@ def _hold_prescribed(equations, matrix):
 
 
 @njit(inline="always")
-def size_of(equations, correction):
-    """Return the largest displacement that a correction makes, a vector; NaN where any part of it is."""
+def follow_correction(equations, gains, lanes, work):
+    """Take the correction in ``work.balance`` off the iterate of some lanes.
+
+    Returns the largest displacement that it makes in each lane, a vector; NaN where any part of it is.
+    """
+    gain_v, gain_a = gains
     size = spread(0.0)
     for i in range(equations.layout.n_eta):
-        size = larger(absolute(load(correction, i)) * equations.scale[i], size)
+        correction = load(work.balance, i)
+        size = larger(absolute(correction) * equations.scale[i], size)
+        change = blend(lanes, correction, spread(0.0))
+        store(work.q, i, load(work.q, i) - change)
+        store(work.rate, i, load(work.rate, i) - gain_v * change)
+        store(work.acceleration, i, load(work.acceleration, i) - gain_a * change)
     return size
 
 
@@ -168,7 +178,7 @@ def take_up(state, samples, work):
     """Copy the state ``(q, v, a)`` of a block's samples to where it is evaluated."""
     gather(state[0], samples, work.q)
     gather(state[1], samples, work.rate)
-    gather(state[2], samples, work.a)
+    gather(state[2], samples, work.acceleration)
 
 
 @njit(cache=True, entry=True, error_model="numpy")
@@ -197,18 +207,12 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         if active[block] == 0:
             continue
         take_up(state, memory.samples[block], work)
-        for i in range(equations.layout.n_eta):
-            store(work.kept_a, i, load(work.a, i))
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
-        for i in range(equations.layout.n_eta):
-            step = load(work.balance, i)
-            store(work.q, i, load(work.q, i) - step)
-            store(work.rate, i, load(work.rate, i) - gain_v * step)
-            store(work.a, i, load(work.kept_a, i) - gain_a * step)
+        found = follow_correction(equations, (gain_v, gain_a), EVERY_LANE, work)
         scatter(work.q, memory.samples[block], active[block], state[0])
         scatter(work.rate, memory.samples[block], active[block], state[1])
-        scatter(work.a, memory.samples[block], active[block], state[2])
-        store(size, block, blend(active[block], size_of(equations, work.balance), spread(0.0)))
+        scatter(work.acceleration, memory.samples[block], active[block], state[2])
+        store(size, block, blend(active[block], found, spread(0.0)))
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -76,6 +76,8 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
         Derivatives of eta' and eta'' with eta within a step, vectors.
     loaded
         Whether there are loads.
+    work, matrix
+        See `Work` and `Matrix`; its positions are those of the iterate, ``v`` and ``a`` what the inertia forces see.
 
     The terms are inlined: to hand the many arrays on would take as long as to evaluate some of them.
     """

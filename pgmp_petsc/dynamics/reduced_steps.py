@@ -25,9 +25,10 @@ from pgmp_petsc.dynamics.alpha_step import (
 from pgmp_petsc.dynamics.edge_search import give_up, in_search, look_at_all
 from pgmp_petsc.dynamics.lane_clocks import GAIN_A, GAIN_V, STEP, allocate_clocks, allocate_state, begin, set_out
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, places_of
-from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
+from pgmp_petsc.dynamics.reduced_kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.dynamics.status import Outcome
 from pgmp_petsc.runtime.vectors import (
+    EVERY_LANE,
     LANES,
     blend,
     count_lanes,
@@ -131,7 +132,10 @@ def _advance_block(
         set_out(strengths, functions, scheme, steps, going, n_steps, state[5], clocks)
         searching, lost = in_search(search), going
         for attempt in range(2):
-            _predict(equations, scheme, state, clocks, lost, attempt, work)
+            if attempt == 0:
+                _predict(equations, scheme, state, clocks, work)
+            else:
+                _predict_anew(equations, scheme, state, clocks, lost, work)
             careful = searching if attempt == 0 else lost
             lost = _converge(equations, memory, block, clocks, lost, careful, attempt, state[5], work, local, progress)
             if lost == 0:
@@ -170,18 +174,19 @@ def _advance_block(
 @njit(inline="always")
 def _arrive(state, lanes, samples, steps, rows, n_steps, progress):
     """Count a step of some lanes and show where they are; return those that were through all steps."""
-    through = 0
     for lane in range(LANES):
-        if lanes & (1 << lane):
-            n_steps[lane] += 1
+        n_steps[lane] += (lanes >> lane) & 1
+    if progress.shown.size > 0:
+        for lane in range(LANES):
             row = rows[lane]
-            if row < progress.shown.size and progress.shown[row] == steps[0] + n_steps[lane]:
+            if lanes & (1 << lane) and row < progress.shown.size and progress.shown[row] == steps[0] + n_steps[lane]:
                 for part in range(3):
                     scatter(state[part], samples, 1 << lane, progress.trail[row, part])
                 rows[lane] = row + 1
-            if n_steps[lane] == steps[1].size:
-                through |= 1 << lane
-    return through
+    through = 0
+    for lane in range(LANES):
+        through |= np.int64(n_steps[lane] == steps[1].size) << lane
+    return through & lanes
 
 
 @njit(inline="always")
@@ -211,32 +216,57 @@ def _note(lanes, what, outcome):
 
 
 @njit(inline="always")
-def _predict(equations, scheme, state, clocks, lanes, attempt, work):
-    """Predict the end of a step in some lanes, prescribed coordinates where they are.
+def _predict(equations, scheme, state, clocks, work):
+    """Predict the end of a step, with accelerations that are extrapolated linearly, prescribed coordinates where they
+    are.
 
-    The accelerations are extrapolated linearly, or at the second attempt those that keep the velocity, as in
-    `alpha_step`.
+    Lanes that stand predict too: a store of some lanes is read again only when it has reached the cache.
     """
-    alpha_m, alpha_f, beta, gamma = scheme
-    q, v, a, auxiliary, before, _ = state
+    step, weight = load(clocks.pace, STEP), 1.0 / (1.0 - scheme[0])
+    for i in range(equations.layout.n_eta):
+        then = 2.0 * load(state[2], i) - load(state[4], i)
+        place, rate = _end_of_step(scheme, weight, step, state, i, then)
+        store(work.q, i, place)
+        store(work.rate, i, rate)
+        store(work.acceleration, i, then)
+    _prescribe(equations, clocks, EVERY_LANE, work)
+
+
+@njit(inline="always")
+def _predict_anew(equations, scheme, state, clocks, lanes, work):
+    """Predict the end of a step in some lanes with accelerations that keep the velocity, as in `alpha_step`."""
+    alpha_m, alpha_f, beta, _ = scheme
     step, weight = load(clocks.pace, STEP), 1.0 / (1.0 - alpha_m)
     for i in range(equations.layout.n_eta):
-        behind, speed, now = load(auxiliary, i), load(v, i), load(a, i)
-        then = 2.0 * now - load(before, i)
-        if attempt > 0:
-            kept = (1.0 - alpha_m) * (-(0.5 - beta) / beta * behind) + alpha_m * behind - alpha_f * now
-            then = kept / (1.0 - alpha_f)
-        end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
-        place = load(q, i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * end)
+        behind = load(state[3], i)
+        kept = (1.0 - alpha_m) * (-(0.5 - beta) / beta * behind) + alpha_m * behind - alpha_f * load(state[2], i)
+        then = kept / (1.0 - alpha_f)
+        place, rate = _end_of_step(scheme, weight, step, state, i, then)
         store(work.q, i, blend(lanes, place, load(work.q, i)))
-        store(work.rate, i, blend(lanes, speed + step * ((1.0 - gamma) * behind + gamma * end), load(work.rate, i)))
-        store(work.a, i, blend(lanes, then, load(work.a, i)))
+        store(work.rate, i, blend(lanes, rate, load(work.rate, i)))
+        store(work.acceleration, i, blend(lanes, then, load(work.acceleration, i)))
+    _prescribe(equations, clocks, lanes, work)
+
+
+@njit(inline="always")
+def _end_of_step(scheme, weight, step, state, i, then):
+    """Return position and velocity of a coordinate that has the acceleration `then` at the end of a step."""
+    alpha_m, alpha_f, beta, gamma = scheme
+    speed, now, behind = load(state[1], i), load(state[2], i), load(state[3], i)
+    end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
+    place = load(state[0], i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * end)
+    return place, speed + step * ((1.0 - gamma) * behind + gamma * end)
+
+
+@njit(inline="always")
+def _prescribe(equations, clocks, lanes, work):
+    """Put the prescribed coordinates of some lanes where they are at the end of a step."""
     motions = clocks.strengths.motions
     for k in range(len(equations.layout.rigid)):
         if equations.prescribed[k]:
             store(work.q, k, blend(lanes, load(motions, 3 * k), load(work.q, k)))
             store(work.rate, k, blend(lanes, load(motions, 3 * k + 1), load(work.rate, k)))
-            store(work.a, k, blend(lanes, load(motions, 3 * k + 2), load(work.a, k)))
+            store(work.acceleration, k, blend(lanes, load(motions, 3 * k + 2), load(work.acceleration, k)))
 
 
 @njit(inline="always")
@@ -248,7 +278,6 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
     from that `expected`, a vector (1, LANES); see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
-    n = equations.layout.n_eta
     last, active, lost = spread(np.inf), lanes, 0
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     for iteration in range(MAX_ITERATIONS):
@@ -259,16 +288,8 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
                 memory.samples[block], active, gain_v, fresh, local, places_of(memory, block), acting_of(memory, block),
                 memory.known,
             )  # fmt: skip
-        # the inertia forces see other accelerations where damping is proportional to the mass
-        for i in range(n):
-            store(work.kept_a, i, load(work.a, i))
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
-        for i in range(n):
-            change = blend(active, load(work.balance, i), spread(0.0))
-            store(work.q, i, load(work.q, i) - change)
-            store(work.rate, i, load(work.rate, i) - gain_v * change)
-            store(work.a, i, load(work.kept_a, i) - gain_a * change)
-        size = size_of(equations, work.balance)
+        size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)
         contraction = load(expected, 0)
         if iteration > 0:
@@ -308,8 +329,18 @@ def _follow(scheme, state, lanes, n, work):
     alpha_m, alpha_f = scheme[0], scheme[1]
     q, v, a, auxiliary, before, _ = state
     weight = 1.0 / (1.0 - alpha_m)
+    if lanes == EVERY_LANE:  # what is stored as a whole is at hand in the next step; see `_predict`
+        for i in range(n):
+            now, then = load(a, i), load(work.acceleration, i)
+            end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * load(auxiliary, i)) * weight
+            store(q, i, load(work.q, i))
+            store(v, i, load(work.rate, i))
+            store(a, i, then)
+            store(auxiliary, i, end)
+            store(before, i, now)
+        return
     for i in range(n):
-        now, then, behind = load(a, i), load(work.a, i), load(auxiliary, i)
+        now, then, behind = load(a, i), load(work.acceleration, i), load(auxiliary, i)
         end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
         store(q, i, blend(lanes, load(work.q, i), load(q, i)))
         store(v, i, blend(lanes, load(work.rate, i), load(v, i)))

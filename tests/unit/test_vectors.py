@@ -184,7 +184,7 @@ def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float
 
 
 @pytest.mark.parametrize("r", [1, 2, 3])
-@pytest.mark.parametrize("m", [1, 2, 4, 15])
+@pytest.mark.parametrize("m", [1, 2, 3, 4, 7, 15])
 @pytest.mark.parametrize("skew", [0.0, 1e-2])
 def test_bordered_matrices_are_solved(m: int, r: int, skew: float) -> None:
     x, matrix, right = bordered(m, r, skew, RANDOM)
