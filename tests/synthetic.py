@@ -198,7 +198,10 @@ ANGLE, BEND = 5.0 * INSTANTS**2, 1e-4 * np.sin(5.0 * INSTANTS)
 
 def derivatives() -> Derivatives:
     """Return the derivatives of a run with two parameters."""
-    found = {"crank_angle": {"r1": -300.0 * INSTANTS, "c": 2.0 * INSTANTS}, "slider_deformation": {"r1": BEND, "c": 0.0 * INSTANTS}}
+    found = {
+        "crank_angle": {"r1": -300.0 * INSTANTS, "c": 2.0 * INSTANTS},
+        "slider_deformation": {"r1": BEND, "c": 0.0 * INSTANTS},
+    }
     return Derivatives(
         record(), INSTANTS, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
         {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
@@ -238,8 +241,8 @@ def rare_event(n: int = 6) -> RareEvent:
     value[-1] = np.nan
     levels = np.array([5.5, 6.5])
     return RareEvent(
-        "reduced", record(seed=1), "end(crank_angle) > 6.5", "crank_angle", "rad", 0.95, 1e-4, np.array([5e-5, 2e-4]), 0.3,
-        2e-4, 12.0, levels, np.array([0.1, 0.01]), np.array([1.0, 0.4]), (levels, np.array([1e-2, 1e-4])), ("r1",),
+        "reduced", record(seed=1), "end(crank_angle) > 6.5", "crank_angle", "rad", 0.95, 1e-4, np.array([5e-5, 2e-4]),
+        0.3, 2e-4, 12.0, levels, np.array([0.1, 0.01]), np.array([1.0, 0.4]), (levels, np.array([1e-2, 1e-4])), ("r1",),
         normal[:, None], value, np.zeros(n), {"r1": 5.6e-3 + 5.6e-4 * normal}, status,
     )  # fmt: skip
 

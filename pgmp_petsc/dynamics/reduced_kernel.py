@@ -82,7 +82,7 @@ def interpolate(equations, memory, block, amplitudes, work):
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
-    """Evaluate residual and, if `fresh`, iteration matrix of a block, at ``work.q``, ``work.rate`` and ``work.acceleration``.
+    """Evaluate residual and, if `fresh`, iteration matrix at ``work.q``, ``work.rate`` and ``work.acceleration``.
 
     Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own.
     """

@@ -5,7 +5,8 @@ A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986
     theta = Omega / T (t^2 / 2 + (T / 2 pi)^2 (cos(2 pi t / T) - 1)),   then   theta = Omega (t - T / 2),
 
 whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables become cubic splines at rest at both ends,
-and stay where they end; all others go on for ever.
+and stay where they end; all others go on for ever. Where an acceleration jumps it is the later one: a run that begins
+at a table's first row begins with what the table does then.
 """
 
 from __future__ import annotations
@@ -86,9 +87,7 @@ def _table(rows: TimeTable) -> TimeFunction:
 
     times, angles = np.array(rows, dtype=float).T
     cubics = CubicSpline(times, angles, bc_type="clamped").c[::-1].T
-    begins = times.copy()
-    begins[0] = np.nextafter(times[0], np.inf)  # at the first row itself it is at rest still
-    between = [Piece(*one) for one in zip(begins, times, cubics)]
+    between = [Piece(*one) for one in zip(times, times, cubics)]
     return TimeFunction(Piece(cubic=(angles[0],)), *between, Piece(times[-1], cubic=(angles[-1],)))
 
 

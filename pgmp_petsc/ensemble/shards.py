@@ -83,7 +83,7 @@ class Shards:
                 )
             for name in shard.columns:
                 if name.startswith(OUTPUTS) and np.isnan(shard.columns[name][fine]).any():
-                    raise InputError(f"file '{path}' is damaged: {name} is NaN of samples that are fine; write it again")
+                    raise InputError(f"file '{path}' is damaged: {name} is NaN of fine samples; write it again")
         self._check_instants([path for path, _ in ordered])
         self.remarks: tuple[Remark, ...] = tuple(remark for shard in self._shards for remark in shard.found)
 
@@ -93,7 +93,8 @@ class Shards:
         for path, n in counts.items():
             if n != next(iter(counts.values())):
                 raise InputError(
-                    f"file '{path}' is damaged: bands at {n} instants, not {next(iter(counts.values()))}; write it again"
+                    f"file '{path}' is damaged: bands at {n} instants, not {next(iter(counts.values()))}; "
+                    "write it again"
                 )
 
     def columns(self) -> Columns:

@@ -207,7 +207,8 @@ class Derivatives:
             names = json.loads(file.attrs["parameters_differentiated"])
             changes = {}
             for name in names:
-                changes[name] = float(take_known(file, f"changes/{name}", 0)), str(file[f"changes/{name}"].attrs["what"])
+                what = str(file[f"changes/{name}"].attrs["what"])
+                changes[name] = float(take_known(file, f"changes/{name}", 0)), what
             found = {output: take_named(file, f"derivatives/{output}", 1, take_known) for output in outputs}
             return cls(
                 RunRecord.read(file),

@@ -130,7 +130,9 @@ class Fit:
             of_outputs = units_of(file, "measured")
             outputs = {
                 name: FittedOutput(
-                    of_outputs[name], *(found[what][name] for what in found), float(take_known(file, f"noise/{name}", 0)),
+                    of_outputs[name],
+                    *(found[what][name] for what in found),
+                    float(take_known(file, f"noise/{name}", 0)),
                     bool(file[f"noise/{name}"].attrs["given"]),
                 )
                 for name in found["measured"]

@@ -145,7 +145,7 @@ def _put_all(file: h5py.File, group: str, arrays: Mapping[str, np.ndarray], abou
 
 
 def _check(columns: _Stored, bands: _Stored, units: object) -> None:
-    """Raise `ValueError` unless columns are of the same samples, and bands of the first of them at the same instants."""
+    """Raise `ValueError` unless columns are of the same samples, and bands of the first of them at equal instants."""
     if not isinstance(units, dict):
         raise ValueError(f"units are {units!r}; needed: one of every output")
     n, lengths = columns.shape_of("status"), {columns.shape_of(name) for name in columns}

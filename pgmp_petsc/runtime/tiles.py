@@ -1,6 +1,6 @@
 """Small triangular matrices of vectors, held in registers: tuples, the length of which is known when code is compiled.
 
-A tile of w columns is the lower triangle of w rows, packed row by row, a tuple of ``w (w + 1) / 2`` vectors (`vectors`).
+A tile of w columns is the lower triangle of w rows, packed by rows, a tuple of ``w (w + 1) / 2`` vectors (`vectors`).
 What is between its loads and stores never waits for the memory, and costs no addresses.
 """
 

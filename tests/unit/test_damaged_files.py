@@ -260,7 +260,8 @@ def test_a_shard_that_changed_is_told(folder: Path) -> None:
         with resealed(both[1]) as file:
             del file[name]
             file[name] = values
-        with pytest.raises(InputError, match=f"other_shard.h5' is damaged: {message}.*; write it again"), ExitStack() as s:
+        said = f"other_shard.h5' is damaged: {message}.*; write it again"
+        with pytest.raises(InputError, match=said), ExitStack() as s:
             shards = Shards(both, [s.enter_context(read_shard(path)) for path in both], folder)
             shards.columns()
 

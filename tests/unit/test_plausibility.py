@@ -131,7 +131,7 @@ WARNED = {
         "reduction.second_order is false",
     ),
     "most angles of nothing": (SCENE, ["reduction.max_angles=99"], "reduction.max_angles", "no reduction.sampling_tol"),
-    "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a length"),
+    "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a leng"),
     "replicates of random samples": (SCENE, ["ensemble.replicates=16"], "ensemble.replicates", 'it is for "sobol"'),
     "samples of no bands": (
         SCENE, ["ensemble.bands=0", "ensemble.band_samples=99"], "ensemble.band_samples", "as ensemble.bands = 0"

@@ -16,8 +16,8 @@ NAME_NEEDED = "a name starts with a letter or _ and goes on with letters, digits
 NUMBER_OR_NAME = "a positive number or the name of a parameter is needed"
 ROW_NEEDED = "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]"
 NO_MOTION = (
-    "numbers are needed, no parameter: a prescribed motion is a constraint, one for all samples; run once for each value "
-    "(--override), or drive the coordinate by a torque, whose amplitude may be a parameter"
+    "numbers are needed, no parameter: a prescribed motion is a constraint, one for all samples; run once for each "
+    "value (--override), or drive the coordinate by a torque, whose amplitude may be a parameter"
 )
 PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
 
