@@ -298,7 +298,7 @@ def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> No
     if n < UNKNOWNS_PER_RANK * ranks_per_sample:
         announce(
             f"--ranks-per-sample = {ranks_per_sample}: a sample has {n} unknowns, less than {UNKNOWNS_PER_RANK} for "
-            "each of its ranks, which takes longer than on fewer of them; leave it out, and ranks have their own samples",
+            "each of its ranks, which takes longer than on fewer of them; leave it out, and ranks take their own",
             comm,
         )
 
