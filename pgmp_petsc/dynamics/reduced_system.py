@@ -16,6 +16,7 @@ from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduc
 from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
+from pgmp_petsc.dynamics.reduced_strengths import ReducedStrengths
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
@@ -23,7 +24,6 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.runtime.installed import alone
-from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -77,6 +77,9 @@ class ReducedSystem:
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
         self._edges = np.array(self._actions.edges, dtype=np.int64)
+        self._strengths = ReducedStrengths(
+            self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
+        )
         searched = (self._load_effects, self._actions.actions, motions) if self._edges.size else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
@@ -106,14 +109,14 @@ class ReducedSystem:
         everyone = np.ones(self.n_samples, dtype=bool)
         self.correct(0.0, trial, only_mass, everyone, fresh=True)
         state.a = trial.a
-        self._prescribe(0.0, state, everyone)
+        self._strengths.prescribe(0.0, state, everyone)
         return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        self._prescribe(time, state, active)
+        self._strengths.prescribe(time, state, active)
         self._act(time, state, scheme.gain_v, active, fresh)
-        return self._correct(self._equations, self._memory, self._at(time), state, scheme, active, fresh)
+        return self._correct(self._equations, self._memory, self._strengths.at(time), state, scheme, active, fresh)
 
     def _correct(
         self, equations: Equations, memory: Memory, strengths: Strengths, state: State, scheme: Scheme,
@@ -151,7 +154,7 @@ class ReducedSystem:
         ndarray, shape (n_samples,)
             Size of the correction before it was shortened.
         """
-        before, memory, at_start = state.q.copy(), self._memory, self._at(0.0)
+        before, memory, at_start = state.q.copy(), self._memory, self._strengths.at(0.0)
         at_start.loads[:] *= share
         acting = self._lanes.nothing_acting()
         if self._actions.actions:
@@ -182,7 +185,7 @@ class ReducedSystem:
         """
         self._act_on_all(time, state)
         result = np.empty_like(state.q)
-        evaluate_residual(self._equations, self._memory, self._at(time), _parts(state), result)
+        evaluate_residual(self._equations, self._memory, self._strengths.at(time), _parts(state), result)
         return result
 
     @property
@@ -244,7 +247,7 @@ class ReducedSystem:
 
     def load_amplitudes(self, times: np.ndarray) -> np.ndarray:
         """Return the amplitude of every load term at times (n_t,), without its weight, shape (n_t, n_load_terms)."""
-        return self._over(times).loads[:, self._equations.weights.effects]
+        return self._strengths.over(times).loads[:, self._equations.weights.effects]
 
     def action_forces(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the force (N or N m) of every action at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta).
@@ -313,8 +316,9 @@ class ReducedSystem:
         state, *others = moment
         coefficients = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         advance(
-            self._equations, self._memory, self._over(ends), self._functions, coefficients, (first, ends, step),
-            (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples), progress,
+            self._equations, self._memory, self._strengths.over(ends), self._functions, coefficients,
+            (first, ends, step), (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples),
+            progress,
         )  # fmt: skip
         beyond[:] = progress.beyond.T
         outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
@@ -354,13 +358,8 @@ class ReducedSystem:
 
     def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
-        fill_matrices(self._equations, self._memory, self._at(time), _parts(state), gain_a)
+        fill_matrices(self._equations, self._memory, self._strengths.at(time), _parts(state), gain_a)
         return self._lanes.matrices()
-
-    def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
-        """Put the prescribed coordinates of some samples (a mask) where they are at a time."""
-        for k, motion in self._motions.items():
-            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)
 
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
@@ -384,20 +383,6 @@ class ReducedSystem:
 
     def _act_on_all(self, time: float, state: State) -> None:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
-
-    def _at(self, time: float) -> Strengths:
-        """Return what acts on every lane at an instant."""
-        return Strengths(*(same_in_all_lanes(part[0]) for part in self._over(np.array([time]))))
-
-    def _over(self, times: np.ndarray) -> Strengths:
-        """Return what acts at several instants, one a row."""
-        loads = np.empty((times.size, len(self._load_effects)))
-        for column, effect in zip(loads.T, self._load_effects):
-            column[:] = effect.amplitude(times)
-        motions = np.zeros((times.size, 3 * self.tables.n_coordinates if self._motions else 0))
-        for k, motion in self._motions.items():
-            motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
-        return Strengths(loads, amplitudes_over(self._actions.actions, times), motions)
 
 
 def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
