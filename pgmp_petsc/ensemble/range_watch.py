@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.dynamics.generalised_alpha import Run
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.models import FullModel
+from pgmp_petsc.models import FullModel, SeparateLengths
 
 
 class RangeWatch:
@@ -28,7 +28,7 @@ class RangeWatch:
 
     every = 1
 
-    def __init__(self, model: FullModel, system: SecondOrderSystem) -> None:
+    def __init__(self, model: FullModel | SeparateLengths, system: SecondOrderSystem) -> None:
         self._model, self._system = model, system
         self._time = np.full(system.n_samples, np.inf)
 
@@ -39,9 +39,7 @@ class RangeWatch:
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""
-        outputs, frames = self._model.outputs, self._model.frames(self._system, state)
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
-            left = outputs.left_range(outputs.observed(frames[list(outputs.nodes)], np.empty((0, frames.shape[2]))))
+        left = self._model.left_range(self._system, state)
         self._time[left & np.isinf(self._time)] = time
 
     def judged(self, done: Run) -> Run:

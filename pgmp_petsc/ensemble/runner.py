@@ -275,7 +275,7 @@ def run_batch(
             begun = Begun(system, some, places, attempt.simulation)
             watches = [watcher.watch(begun) for watcher in watchers if places.size]
             observers, inside = [watch.observer for watch in watches], None
-            if model.outputs.reached is not None and not isinstance(model, REDUCED):
+            if not isinstance(model, REDUCED) and model.limited:
                 inside = RangeWatch(model, system)
                 observers.append(inside)
             observer = Together(observers) if observers else None

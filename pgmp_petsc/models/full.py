@@ -184,6 +184,20 @@ class FullModel:
             return self
         return type(self)(self.scene.with_values({name: values[name] for name in scaling}), self.meshes)
 
+    @property
+    def limited(self) -> bool:
+        """Whether an output is known within the coordinates' ranges alone."""
+        return self.outputs.reached is not None
+
+    def left_range(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+        """Return the samples with a coordinate outside the range of such an output, shape (n_samples,).
+
+        Collective on the system's communicator.
+        """
+        frames = self.frames(system, state)[list(self.outputs.nodes)]
+        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            return self.outputs.left_range(self.outputs.observed(frames, np.empty((0, frames.shape[2]))))
+
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
         communicator."""

@@ -98,6 +98,15 @@ class SeparateLengths:
         self._models[system] = own
         return system
 
+    @property
+    def limited(self) -> bool:
+        """See `FullModel`."""
+        return self._model.limited
+
+    def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
+        """See `FullModel`. Collective on the system's communicator."""
+        return self._models[system].left_range(system, state)
+
     def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples). Collective on the system's communicator."""
         own = self._models[system]

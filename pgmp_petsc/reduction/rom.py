@@ -199,6 +199,10 @@ class ReducedOrderModel:
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = cls.read_from(file, RunRecord.read(file), with_projection)
+            bodies = tomllib.loads(found.record.scene_toml).get("bodies", {})
+            missing = [name for name in bodies if name not in found.meshes]
+            if missing:
+                raise InputError(f"file '{path}' has no mesh/{missing[0]}, a body of its scene; build it again")
             if "lengths" not in file:
                 return found
             from pgmp_petsc.reduction.length_files import take_family  # as above
@@ -230,9 +234,6 @@ class ReducedOrderModel:
         kinematics = {"poses": branch.poses, "rates": branch.rates, "curvatures": branch.curvatures}
         _check_finite({f"kinematics/{name}": values for name, values in kinematics.items()}, filename)
         meshes = {name: take_shape(body) for name, body in file["mesh"].items()}
-        missing = [name for name in tomllib.loads(record.scene_toml).get("bodies", {}) if name not in meshes]
-        if missing:
-            raise InputError(f"file '{filename}' has no mesh/{missing[0]}, a body of its scene; build it again")
         n_modes, curvature = tables.n_modes, None
         projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
         if tables.second_order is not None:

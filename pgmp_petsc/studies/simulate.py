@@ -137,7 +137,7 @@ class _Part:
             finite &= time < done.failure_time[0]
         kept = time.size if finite.all() else int(np.argmin(finite))
         if done.status[0] == Status.FINE and kept < time.size:
-            left = model.outputs.left_range(outputs[..., kept : kept + 1])[0]
+            left = model.outputs.left_range(observed[..., kept : kept + 1])[0]
             status = Status.LEFT_RANGE if left else Status.NOT_FINITE
             done = replace(done, status=np.array([status]), failure_time=time[kept : kept + 1])
         kept = max(1, kept)

@@ -426,7 +426,7 @@ CASES = {
         ("simulate", "{folder}/limited.h5", "-o", OUT, "--override", "simulation.initial.theta.position=2.0"),
         ("simulation.initial.theta.position = 2.0", "range"),
     ),
-    "export of a model": Case(("export", ROM, "-o", "{folder}/x.xdmf"), ("rom.h5", "needed: a trajectory")),
+    "export of a model": Case(("export", ROM, "-o", "{folder}/x.xdmf"), ("rom.h5", "has no frames, a trajectory has")),
     "a model and an ending": Case(("export", ROM, "-o", "{folder}/x.c"), ("x.c'", "or as an FMU (-o ")),
     "an FMU of a trajectory": Case(("export", SCENE, "-o", "{folder}/x.fmu"), ("needed: a reduced model",)),
     "a version of FMI for C99": Case(("export", ROM, "-o", "{folder}/m", "--fmi", "3"), ("--fmi 3 is for FMUs, and",)),

@@ -200,7 +200,7 @@ def test_samples_of_two_reduced_models_are_not_mixed(folder: Path, capsys: pytes
 
 def test_a_damaged_piece_is_told_and_computed_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     again = killed_ensemble(folder)
-    piece = folder / "e.h5.partial" / "samples_000000004.npz"
+    piece = max((folder / "e.h5.partial").glob("samples_*.npz"))
     piece.write_bytes(piece.read_bytes()[:-100])
     ends_with(0, *again)
     note = f"note: piece '{piece}' was not taken up, and is computed again: it is cut off after"

@@ -250,7 +250,7 @@ def test_a_shard_that_changed_is_told(folder: Path) -> None:
         "columns of samples have shapes": ("columns/parameters.r1", np.ones(3)),
         "bands have shapes": ("bands/crank_angle", np.ones((9, 3))),
         "dataset '/columns/parameters.r1' holds NaN": ("columns/parameters.r1", np.full(4, np.nan)),
-        "outputs.crank_angle is NaN of samples that are fine": ("columns/outputs.crank_angle", np.full(4, np.nan)),
+        "outputs.crank_angle is NaN of fine samples": ("columns/outputs.crank_angle", np.full(4, np.nan)),
         "bands at 2 instants, not 3": ("bands/crank_angle", np.ones((4, 2))),
     }
     both = [folder / "shard.h5", folder / "other_shard.h5"]
