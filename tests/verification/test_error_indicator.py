@@ -258,11 +258,11 @@ def test_estimates_move_with_round_off_by_little(model: ReducedModel, monkeypatc
     """
     values, rng, begin = draw(model.scene, SEED, 0, 3), np.random.default_rng(SEED), ReferenceMotion.__init__
 
-    def moved(self: ReferenceMotion, unknowns: object, states: np.ndarray, r: int, longest: np.ndarray) -> None:
+    def moved(self: ReferenceMotion, unknowns: object, states: np.ndarray, r: int, *scales: np.ndarray) -> None:
         theta = states[:, 0, :, :r]
         states = states.copy()
         states[:, 0, :, :r] = np.nextafter(theta, theta + rng.choice([-1.0, 0.0, 1.0], theta.shape))
-        begin(self, unknowns, states, r, longest)
+        begin(self, unknowns, states, r, *scales)
 
     expected = estimated(model, values, 3).largest
     monkeypatch.setattr(ReferenceMotion, "__init__", moved)
