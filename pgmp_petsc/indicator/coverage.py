@@ -9,8 +9,8 @@ from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
-# steps of a run below which its estimates may be far too small: what its first steps do wrong is integrated with the
-# order of the scheme itself, and makes up a good part of the error (docs/method.md, "where it is less good")
+# steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
+# itself, and what they do wrong is a good part of the error of a few (docs/method.md, "where it is less good")
 FEW_STEPS = 10
 HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
 
@@ -37,8 +37,8 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
         return ()
     return (
         note(
-            f"estimated errors are unsure, and may be far too small: the run has {n_steps} steps, and estimates want "
-            f"{FEW_STEPS}; take a smaller simulation.step"
+            "estimated errors are unsure, and may be many times too small or too large: the run has "
+            f"{n_steps} steps, estimates want {FEW_STEPS} or more; take a smaller simulation.step"
         ),
     )
 

@@ -127,7 +127,7 @@ def test_where_there_is_an_estimate(entry: str) -> None:
 def test_estimates_of_a_few_steps_are_said_to_be_unsure() -> None:
     assert few_steps(FEW_STEPS) == ()
     (remark,) = few_steps(FEW_STEPS - 1)
-    assert remark.kind == "note" and f"the run has {FEW_STEPS - 1} steps, and estimates want {FEW_STEPS}" in remark.text
+    assert remark.kind == "note" and f"the run has {FEW_STEPS - 1} steps, estimates want {FEW_STEPS}" in remark.text
 
 
 @pytest.mark.parametrize(
