@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import (
     accurate_scene,
     full_model,
@@ -23,6 +24,7 @@ from scenes import RADIUS, slider_crank
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes
@@ -31,6 +33,7 @@ from pgmp_petsc.indicator.schedule import schedules
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import simulate_reduced
 
 Outputs = dict[str, np.ndarray]
 N, SEED = 24, 123
@@ -327,6 +330,17 @@ def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
         for name, values_of in getattr(found, kind).items():
             assert np.isnan(values_of[1:]).all(), (kind, name)
             np.testing.assert_allclose(values_of[0], getattr(expected, kind)[name][0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("n_steps", "said"), [(9, 1), (10, 0)])
+def test_runs_and_ensembles_of_a_few_steps_say_that_estimates_are_unsure(
+    n_steps: int, said: int, accurate_rom: ReducedOrderModel
+) -> None:
+    few = ReducedModel(accurate_scene("simulation.step=1e-3", f"simulation.duration={n_steps}e-3"), accurate_rom)
+    run = simulate_reduced(few, MPI.COMM_SELF)
+    for remarks in (run.record.remarks, Origin.of(few).not_estimated):
+        assert sum("estimated errors are unsure" in str(remark) for remark in remarks) == said
+    assert np.isfinite(run.errors.maximum("crank_angle"))
 
 
 def test_fast_samples_are_evaluated_more_often(accurate_rom: ReducedOrderModel) -> None:
