@@ -8,10 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.ensemble.checked_samples import share_of
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
+    few_steps,
     left_out_of_estimates,
     polynomials_of_lengths,
     truncated_stresses,
@@ -52,7 +54,9 @@ class Origin:
         scene, share = model.scene, share_of(model)
         if isinstance(model, REDUCED):
             absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
-            absent += left_out_of_estimates(model) if share > 0.0 else ()
+            if share > 0.0:
+                absent += few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += left_out_of_estimates(model)
             absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
             absent = why_not_of_full_order(model)

@@ -43,6 +43,8 @@ class CheckingModel:
     ----------
     full
         Its equations.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
     """
 
     def __init__(self, model: ReducedModel) -> None:
@@ -55,6 +57,7 @@ class CheckingModel:
         rom = model.rom
         if any(body.floating is not None for body in mechanism.bodies):
             rom = _in_floating_frames(rom, model.kinematics.mechanism, mechanism)
+        self.rotations = _rotations(rom.projection, mechanism)
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
@@ -103,6 +106,13 @@ class CheckingModel:
         found = np.full((len(settled.unknowns), samples.size), np.nan)
         found[:, samples] = np.where(settled.lost, np.nan, settled.unknowns)
         return found
+
+
+def _rotations(projection: np.ndarray, mechanism: Mechanism) -> np.ndarray:
+    """Return the largest rotations of frames in flexible vectors (n_samples, n_dofs, n_delta), shape (n_delta,)."""
+    space, n_samples = mechanism.space, len(projection)
+    nodal = projection[:, : space.n_dofs * mechanism.n_nodes].reshape(n_samples, mechanism.n_nodes, space.n_dofs, -1)
+    return np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:

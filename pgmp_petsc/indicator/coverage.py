@@ -9,6 +9,9 @@ from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
+# steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
+# itself, and what they do wrong is a good part of the error of a few (docs/method.md, "where it is less good")
+FEW_STEPS = 10
 HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
 
 
@@ -26,6 +29,18 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent(scene, "ensemble.checked_share = 0 switches the estimate off"),)
     return ()
+
+
+def few_steps(n_steps: int) -> tuple[Remark, ...]:
+    """Return that estimates of a run of so few steps are unsure, and the cure; nothing where the steps are enough."""
+    if n_steps >= FEW_STEPS:
+        return ()
+    return (
+        note(
+            "estimated errors are unsure, and may be many times too small or too large: the run has "
+            f"{n_steps} steps, estimates want {FEW_STEPS} or more; take a smaller simulation.step"
+        ),
+    )
 
 
 def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:

@@ -21,6 +21,9 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
 
 FARTHEST = 1e6  # rad; tables of one revolution have no digits left there
+# inertia of a vibration, as a share of the largest: interpolated between sampled angles it may come to nothing and
+# less. What vibrates so fast would gain 1 / LEAST of its energy where the inertia comes back, and run away
+LEAST = 1e-3
 Weights = tuple[np.ndarray, ...]
 
 
@@ -116,22 +119,25 @@ class FlexibleModes:
 
 
 def _factors(matrices: np.ndarray) -> np.ndarray:
-    """Return Cholesky factors; of a matrix that lost its definiteness between the samples, those of one nearby.
+    """Return Cholesky factors; of a matrix that is hardly definite between the samples, those of one nearby.
 
     A sample far from the sampled configurations must not end the run of the others, nor change a digit of theirs.
     """
     try:
-        return np.linalg.cholesky(matrices)
+        factors = np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
         return np.array([_factor(matrix) for matrix in matrices])
+    pivots = np.diagonal(factors, axis1=1, axis2=2) ** 2
+    for number in np.flatnonzero(pivots.min(axis=1) < LEAST * pivots.max(axis=1)):
+        factors[number] = _factor(matrices[number])
+    return factors
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
     """Return the Cholesky factor of one matrix; see `_factors`."""
-    try:
+    values, vectors = np.linalg.eigh(matrix)
+    if values[0] >= LEAST * values[-1]:
         return np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrix)
-        values = np.maximum(values, 1e-12 * np.abs(values).max())
-        positive = (vectors * values) @ vectors.T
-        return np.linalg.cholesky(0.5 * (positive + positive.T))
+    values = np.maximum(values, LEAST * np.abs(values).max())
+    positive = (vectors * values) @ vectors.T
+    return np.linalg.cholesky(0.5 * (positive + positive.T))

@@ -3,6 +3,10 @@
 A reduced state gives the unknowns ``q(eta)`` by back-transformation (`NodalMotion`). The velocities and accelerations
 that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as
 differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
+
+A path stays where a difference is good: neither the mechanism turns far on it nor do bodies bend by large rotations.
+Where stiff springs or loads act on undeformed bodies at once, flexible accelerations would lead hundreds of radians
+away within the time in which the mechanism turns by little.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) 
 # rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the acceleration, and
 # by the closure of the mechanism, 1e-12, over TURN^2
 TURN = 1e-2
+BEND = 0.1  # rad that frames turn in their bodies from point to point, at most; wrong by BEND^4 / 90 likewise
 # weights of the points on both sides for first and second derivatives, and of the point itself
 AT, FIRST = (-2, -1, 1, 2), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
 SECOND, HERE = (-1 / 12, 16 / 12, 16 / 12, -1 / 12), -30 / 12
@@ -59,11 +64,15 @@ class ReferenceMotion:
     longest
         Largest step of the differences of every sample, shape (n_samples,), s: the bodies' own vibrations set it where
         the mechanism does not turn.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
     """
 
-    def __init__(self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray) -> None:
+    def __init__(
+        self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray, rotations: np.ndarray
+    ) -> None:
         self._unknowns, self._states = unknowns, states
-        self._n_theta, self._longest = n_theta, longest
+        self._n_theta, self._longest, self._rotations = n_theta, longest, rotations
         self._n_dofs, self._first, self._kept = 0, 0, np.empty((4, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
@@ -99,7 +108,9 @@ class ReferenceMotion:
         """Fill the parts of instants, (4, n, n_dofs, n_samples), for states (n, 4, n_samples, n_eta)."""
         r = self._n_theta
         pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
-        tau = TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2))
+        bending, changing = (np.abs(states[:, part, :, r:]) @ self._rotations for part in (1, 2))
+        bent = (TURN / BEND) ** 2 * np.maximum(bending**2, BEND * changing)
+        tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))
         eta = np.empty((2 + len(AT), *tau.shape, states.shape[3]))
         fill_path(states, tau, eta)
         found = self._unknowns(eta.reshape(-1, eta.shape[-1]))

@@ -17,6 +17,7 @@ from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_st
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
+    few_steps,
     is_estimated,
     large_errors,
     left_out_of_estimates,
@@ -274,7 +275,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
         remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene)]
-        remarks += left_out_of_estimates(model)
+        remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}

@@ -29,7 +29,8 @@ def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent
 
 
 def motion_of(model: ReducedModel, states: np.ndarray) -> ReferenceMotion:
-    return ReferenceMotion(CheckingModel(model).unknowns_of, states, 1, np.full(3, 3e-3))
+    checking = CheckingModel(model)
+    return ReferenceMotion(checking.unknowns_of, states, 1, np.full(3, 3e-3), checking.rotations)
 
 
 def test_rigid_accelerations(model: ReducedModel) -> None:
@@ -74,6 +75,34 @@ def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -
         np.testing.assert_allclose(motion.at(number).a, (plus - minus) / 2e-3, rtol=0, atol=1e-8)
         shaken = model.frames_of(state[0] + state[3]).reshape(-1, 3)
         np.testing.assert_allclose(motion.at(number).shaken, shaken, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("turning", [0.0, 5.0])
+def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
+    """What bends the bodies at once does not lead off the path: J eta'' + d^2 q / d tau^2 along eta', of second order.
+
+    Both differences have steps of their own here: at rest at the start, stiff springs give accelerations that would
+    bend the bodies by tens of radians while the mechanism turns by `TURN`.
+    """
+    basis = ("reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"')
+    model = reduced_model(paper_scene(*basis, "reduction.second_order=true"))
+    states = states_of(model)
+    states[:, 1, :, 0] = turning
+    states[:, 2, :, 0] = 1e3
+    states[:, 2, :, 1:] *= 1e8
+    motion = motion_of(model, states)
+    unknowns = CheckingModel(model).unknowns_of
+    rotations = CheckingModel(model).rotations
+    tau = module.TURN / np.sqrt(module.TURN * 1e3 + turning**2)
+    assert np.max(tau**2 * np.abs(states[:, 2, :, 1:]) @ rotations) > 30.0
+    for number, (q, v, a, _) in enumerate(states):
+        far = 1e-3 / np.abs(a[:, 1:] @ np.diag(rotations)).sum(axis=1)
+        pushed = (unknowns(q + far[:, None] * a) - unknowns(q - far[:, None] * a)) / (2.0 * far)
+        curved = (unknowns(q + 1e-4 * v) - 2.0 * unknowns(q) + unknowns(q - 1e-4 * v)) / 1e-8
+        scale = np.abs(pushed).max()
+        # BEND by which bodies bend on the path, times the turn meanwhile, 1e-4 rad; the mechanism's turn alone sets
+        # a path on which it is 0.03 to 3
+        np.testing.assert_allclose(motion.at(number).a, pushed + curved, rtol=0, atol=5e-5 * scale)
 
 
 def test_instants_do_not_depend_on_what_is_computed_together(

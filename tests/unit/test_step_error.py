@@ -10,7 +10,7 @@ from scenes import RADIUS
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes, _factors
+from pgmp_petsc.indicator.flexible_modes import LEAST, FlexibleModes, Modes, _factors
 from pgmp_petsc.indicator.step_error import StepError, Turns
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
@@ -206,3 +206,15 @@ def test_modes_where_there_are_none(small_rom: ReducedOrderModel) -> None:
     factors = _factors(matrices)
     np.testing.assert_allclose(factors[0], np.diag([2.0, 3.0]), rtol=1e-12)
     assert np.isfinite(factors).all() and (np.diagonal(factors[1]) > 0).all()
+
+
+@pytest.mark.parametrize("least", [-0.2, 0.0, 1e-9, 1e-5])
+def test_inertia_that_comes_to_nothing_between_samples_is_taken_for_a_small_one(least: float) -> None:
+    """And what is definite enough stays what it is, to the last bit."""
+    sound = np.array([[2.0, 0.3], [0.3, 1.0]])
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    spoilt = turn @ np.diag([least, 2.0]) @ turn.T
+    factors = _factors(np.array([sound, spoilt]))
+    np.testing.assert_array_equal(factors[0], np.linalg.cholesky(sound))
+    found = np.linalg.eigvalsh(factors[1] @ factors[1].T)
+    np.testing.assert_allclose(found, [2.0 * LEAST, 2.0], rtol=1e-9)

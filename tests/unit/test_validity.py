@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
-from pgmp_petsc.indicator.coverage import absence_of_estimates, left_out_of_estimates
+from pgmp_petsc.indicator.coverage import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel
@@ -122,6 +122,12 @@ def test_where_there_is_an_estimate(entry: str) -> None:
     assert absence_of_estimates(slider_crank(OUTPUT, entry), ensemble=True) == ()
     (remark,) = absence_of_estimates(slider_crank(OUTPUT, "ensemble.checked_share=0.0"), ensemble=True)
     assert "ensemble.checked_share = 0" in remark.text
+
+
+def test_estimates_of_a_few_steps_are_said_to_be_unsure() -> None:
+    assert few_steps(FEW_STEPS) == ()
+    (remark,) = few_steps(FEW_STEPS - 1)
+    assert remark.kind == "note" and f"the run has {FEW_STEPS - 1} steps, estimates want {FEW_STEPS}" in remark.text
 
 
 @pytest.mark.parametrize(
