@@ -32,6 +32,18 @@ def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
     return (Rom if kind == "rom" else Result)(kind, data, comm, path.parent, path)
 
 
+def stopped_runs(*paths: Path) -> list[str]:
+    """Return a line for every file that holds only a part of a run, saying why; by one process."""
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+
+    lines = []
+    for path in paths:
+        with open_file(path, KINDS) as file:
+            if file.attrs.get("status", 0):
+                lines += [f"{path}: {remark}" for remark in RunRecord.read(file).remarks[:1]]
+    return lines
+
+
 def _kind_of(path: Path) -> str:
     from pgmp_petsc.results.readers import READERS
     from pgmp_petsc.runtime.files import open_file

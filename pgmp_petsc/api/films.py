@@ -8,12 +8,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
-from pgmp_petsc.api.result import Result, wrong
+from pgmp_petsc.api.result import Result, file_of, wrong
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import check_output, named
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord, open_file
+from pgmp_petsc.runtime.files import open_file
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -70,10 +71,11 @@ def animate(
     """
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        _check_arguments(result, output, mode, field)
+        file = file_of(result, "a trajectory or a reduced model, or its file")
+        _check_arguments(output, mode, field)
         _check_numbers(scale, seconds, fps)
         places = _angles(at or {})
-    file, target = Path(result.path if isinstance(result, Result) else result), Path(output)
+    target = Path(output)
     on_root(comm, _check, file, target, mode, places)
     shape = None if mode is None else _shape(file, mode, places, comm)
     for line in on_root(comm, _draw, file, target, shape, field, scale, seconds, fps):
@@ -81,11 +83,7 @@ def animate(
     return target
 
 
-def _check_arguments(result: object, output: object, mode: object, field: object) -> None:
-    if not isinstance(result, (Result, str, PathLike)):
-        raise wrong("result", result, "a trajectory or a reduced model, or its file")
-    if isinstance(result, Result) and result.path is None:
-        raise InputError(f"result: {named(result.kind)} without a file; write it first: result.write('NAME.h5')")
+def _check_arguments(output: object, mode: object, field: object) -> None:
     if not isinstance(output, (str, PathLike)):
         raise wrong("output", output, "the name of a film, *.mp4 or *.gif")
     if mode is not None and (isinstance(mode, bool) or not isinstance(mode, int)):
@@ -145,13 +143,6 @@ def _shape(file: Path, mode: int, at: Mapping[str, float], comm: MPI.Comm) -> Mo
     return on_root(comm, lambda: mode_shape(ReducedModel(scene, rom), mode, at))
 
 
-def _stopped(file: Path) -> list[str]:
-    """Return why a run stopped before its end; by one process."""
-    with open_file(file, "trajectory") as opened:
-        stopped = RunRecord.read(opened).remarks[:1] if opened.attrs.get("status", 0) else ()
-    return [f"{file}: {remark}" for remark in stopped]
-
-
 def _draw(
     file: Path,
     output: Path,
@@ -175,7 +166,7 @@ def _draw(
     of = f"{n} of {len(motion.captions)} instants" if n < len(motion.captions) else f"{n} pictures"
     enlarged = f", deformation enlarged {motion.scale:g} times" if motion.scale != 1.0 else ""
     said = [f"{output}: {of}, {pace.seconds:.3g} s{enlarged}", *map(_indented, motion.notes)]
-    return said if shape is not None else [*said, *_stopped(file)]
+    return said if shape is not None else [*said, *stopped_runs(file)]
 
 
 def _indented(text: str) -> str:

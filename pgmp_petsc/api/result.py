@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed, form_of, is_table
+from pgmp_petsc.runtime.claims import claimed, form_of, is_table, named
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
 
@@ -148,6 +148,23 @@ class StoppedRun(RunError):
     def __init__(self, message: str, result: Result | None = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+def file_of(result: object, allowed: str) -> Path:
+    """Return the file of a result, or of its name.
+
+    Raises
+    ------
+    InputError
+        If it is neither, `allowed` saying what is, or was not written yet.
+    """
+    if not isinstance(result, (Result, str, PathLike)):
+        raise wrong("result", result, allowed)
+    if not isinstance(result, Result):
+        return Path(result)
+    if result.path is None:
+        raise InputError(f"result: {named(result.kind)} without a file; write it first: result.write('NAME.h5')")
+    return Path(result.path)
 
 
 def wrong(what: str, received: object, allowed: str) -> InputError:

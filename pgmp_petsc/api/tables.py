@@ -6,8 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell
-from pgmp_petsc.api.result import Result, wrong
+from pgmp_petsc.api.result import Result, file_of, wrong
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.runtime.errors import InputError
@@ -39,13 +40,10 @@ def export_result(
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if not isinstance(result, (Result, str, PathLike)):
-            raise wrong("result", result, "a result, as from pgmp.simulate or pgmp.read, or its file")
+        file = file_of(result, "a result, as from pgmp.simulate or pgmp.read, or its file")
         if not isinstance(output, (str, PathLike)):
             raise wrong("output", output, "the name of a file *.xdmf or *.csv")
-        if isinstance(result, Result) and result.path is None:
-            raise InputError(f"result: {named(result.kind)} without a file; write it first: result.write('NAME.h5')")
-    target, file = Path(output), Path(result.path if isinstance(result, Result) else result)
+    target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
         tell(comm, f"{target}: {rows} rows, {columns} columns, with their units in the first line")
@@ -94,10 +92,9 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
     from pgmp_petsc.results.body_fields import GROUP, truncated
-    from pgmp_petsc.runtime.files import RunRecord, open_file
+    from pgmp_petsc.runtime.files import open_file
 
     with open_file(file, "trajectory") as opened:
         reduced, scene = str(opened.attrs["model"]) == "reduced", str(opened.attrs["scene"])
         lacking = truncated(scene) if reduced and GROUP in opened else ""
-        stopped = RunRecord.read(opened).remarks[:1] if opened.attrs.get("status", 0) else ()
-    return [f"  note: {lacking}"] * bool(lacking) + [f"{file}: {remark}" for remark in stopped]
+    return [f"  note: {lacking}"] * bool(lacking) + stopped_runs(file)

@@ -32,18 +32,6 @@ def remark_lines(record: RunRecord, said: Sequence[Remark] = ()) -> list[str]:
     return [f"  {remark}" for remark in record.remarks if remark not in said]
 
 
-def stopped_runs(*paths: Path) -> list[str]:
-    """Return a line for every file that holds only a part of a run, saying why; by one process."""
-    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
-
-    lines = []
-    for path in paths:
-        with open_file(path, KINDS) as file:
-            if file.attrs.get("status", 0):
-                lines += [f"{path}: {remark}" for remark in RunRecord.read(file).remarks[:1]]
-    return lines
-
-
 def say_of_files(
     context: click.Context, files: Sequence[Path], write: Callable[..., Sequence[str]], *args: Any
 ) -> None:
@@ -51,5 +39,7 @@ def say_of_files(
 
     Collective on all ranks.
     """
+    from pgmp_petsc.api.files import stopped_runs
+
     for line in (*on_root(context.obj.comm, write, files, *args), *on_root(context.obj.comm, stopped_runs, *files)):
         say(context, line)

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from pydantic import BaseModel
+
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
@@ -90,23 +92,24 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
     chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
     if reduction.stretching == "static" and not reduction.second_order and not chosen:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
-    usual = type(reduction).model_fields["max_angles"].default
-    if reduction.max_angles != usual and reduction.sampling_tolerance is None:
+    if _is_set(reduction, "max_angles") and reduction.sampling_tolerance is None:
         yield doubt(
             "reduction.max_angles", "without effect, as there is no reduction.sampling_tolerance", reduction.max_angles
         )
-    usual = type(reduction).model_fields["length_points"].default
-    if reduction.length_points != usual and not length_names(scene):
+    if _is_set(reduction, "length_points") and not length_names(scene):
         why = "without effect, as no parameter is a length or a place"
         yield doubt("reduction.length_points", why, reduction.length_points)
     ensemble = scene.ensemble
-    usual = type(ensemble).model_fields["replicates"].default
-    if ensemble.replicates != usual and ensemble.sampler != "sobol":
+    if _is_set(ensemble, "replicates") and ensemble.sampler != "sobol":
         why = f'without effect, as ensemble.sampler = "{ensemble.sampler}"; it is for "sobol" (--sampler sobol)'
         yield doubt("ensemble.replicates", why, ensemble.replicates)
-    usual = type(ensemble).model_fields["band_samples"].default
-    if ensemble.band_samples != usual and not ensemble.bands:
+    if _is_set(ensemble, "band_samples") and not ensemble.bands:
         yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
+
+
+def _is_set(settings: BaseModel, name: str) -> bool:
+    """Return whether an entry differs from its default."""
+    return getattr(settings, name) != type(settings).model_fields[name].default
 
 
 def unused_findings(scene: Scene) -> Iterator[Finding]:
