@@ -71,7 +71,7 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
         yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:
         for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
-            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends):26s} {_unit(ensemble, name)}"
+            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {_unit(ensemble, name)}"
             bounds = f"; whatever the failed ones would have been {_bounds(s, k)}" if failed else ""
             yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
 

@@ -68,7 +68,7 @@ class Place:
             return [shown, " [unknown]"]
         low, high = (
             self.datum(interval_name, end, text, f"{row}{k}")
-            for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends)))
+            for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends, factor * float(value))))
         )
         return [shown, Interval(low, high)]
 

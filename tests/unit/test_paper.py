@@ -148,9 +148,26 @@ def test_costs_are_compared_at_equal_error() -> None:
     one = equal_error.Comparison(5, runs["full"], {"small": runs["small"]})
     assert equal_error.cheapest(one.full, 0.1).n_steps == 128
     assert [row[-1] for row in equal_error.equal_error_table([one]).rows] == ["20", "10", "not reached"]
-    assert "costs 10 to 20 times less" in equal_error.in_words(one) and "2 to 10 %" in equal_error.in_words(one)
-    none = equal_error.Comparison(5, runs["full"], {"small": [equal_error.Run(64, 0.5, 1e-4)]})
-    assert "no reduced model reaches 10 %" in equal_error.in_words(none)
+    assert "with small a reduced sample costs 10 to 20 times less (2 to 10 %)" in equal_error.in_words(one)
+
+
+def test_a_basis_that_leaves_more_is_compared_at_the_least_error_that_it_leaves() -> None:
+    full = [equal_error.Run(40, 0.14, 1e-3), equal_error.Run(128, 0.015, 2e-3)]
+    coarse = [equal_error.Run(32, 0.17, 1e-5), equal_error.Run(64, 0.141, 1e-4)]
+    one = equal_error.Comparison(40, full, {"coarse": coarse})
+    rows = equal_error.equal_error_table([one]).rows
+    assert [(row[2], row[-1]) for row in rows] == [("15 %", "10"), *((f"{e} %", "not reached") for e in (10, 2, 1))]
+    assert "with coarse a reduced sample costs 10 times less (15 %)" in equal_error.in_words(one)
+    better = equal_error.Comparison(40, full, {"fine": [equal_error.Run(64, 0.001, 1e-4)]})
+    assert list(equal_error.savings(better, "fine")) == [0.1, 0.02]
+    worse = equal_error.Comparison(40, [equal_error.Run(40, 0.3, 1e-3)], {"coarse": coarse})
+    assert "with coarse no step of the full-order model is as good" in equal_error.in_words(worse)
+
+
+def test_runs_are_compared_at_instants_that_both_have() -> None:
+    for n_steps in equal_error.STEPS:
+        exact = equal_error.exact_steps(n_steps)
+        assert exact >= equal_error.EXACT_STEPS and exact % n_steps == 0
 
 
 def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
