@@ -204,8 +204,9 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
     if joined.FEWEST <= counts[0] < joined.FEWEST_OF_PARABOLA:
         remarks.append(
             note(
-                f"{counts[0]} samples of {best} do not show whether it is curved in the others; where it is, intervals "
-                f"of corrected means are short: take {joined.FEWEST_OF_PARABOLA} or more"
+                f"{counts[0]} samples of {best} show whether it is curved in the others only where it is that nearly "
+                f"alone; where it is curved and noisy, intervals of corrected means are short: take "
+                f"{joined.FEWEST_OF_PARABOLA} or more"
             )
         )
     if found.n_failed or levels.n_lost:

@@ -8,6 +8,8 @@ standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006)
 quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
                       r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
 probability           Wilson, Journal of the American Statistical Association 22 (1927) 209-212
+share                 Jeffreys (Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133): of a share that is a
+                      part of another figure, which Wilson's reaches farther from 0 and 1 than it has to
 of replicates         Student's t over the figures of independent replicates, for samples that are not independent
 ===================== ===========================================================================================
 
@@ -117,6 +119,18 @@ def of_probability(count: int, n: int, confidence: float) -> np.ndarray:
     from scipy.stats import binomtest
 
     return np.array(binomtest(count, n).proportion_ci(confidence, method="wilson"))
+
+
+def of_share(count: int, n: int, confidence: float) -> np.ndarray:
+    """Return Jeffreys' interval (low, high) of a share of which `count` of `n` independent trials came true.
+
+    An end is 0 where none came true, and 1 where all did; 0 and 1 of no trials.
+    """
+    from scipy.special import betaincinv
+
+    tail = 0.5 * (1.0 - confidence)
+    low, high = betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
+    return np.array([low if count else 0.0, high if count < n else 1.0])
 
 
 def of_replicates(centre: np.ndarray | float, figures: np.ndarray, confidence: float) -> np.ndarray:
