@@ -18,11 +18,12 @@ interval is that of its logarithm. Where the best model is clearly curved in a c
 the parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one
 show.
 
-A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 - p_2)``:
-of the common samples a is the share in which the event comes true in the better model where it does in the cheaper one,
-b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970) 1350-1361).
-Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; Wilson's of the
-cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702).
+A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 -
+p_2)``: of the common samples a is the share in which the event comes true in the better model where it does in the
+cheaper one, b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970)
+1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; Wilson's
+of the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
+1693-1702).
 Quantiles are no means, and have no part in this.
 """
 
@@ -40,6 +41,7 @@ FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated
 HALF = 0.5  # of the squared error of a straight line's predictions, which a parabola has to be better than
 TENTH = 0.1  # of that, with fewer samples
 FEWEST_OF_DEVIATION = 50  # below, measured intervals of the deviation are short: 77 to 94 % at 95 %
+FEW_DISAGREEMENTS = 5  # below, measured intervals of probabilities hold in 97 to 100 % at 95 %
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,11 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return values of all models, cheaper ones through the parabola that fits the best one on their common samples.
 
     Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
-    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is merely significant explains little and, found
-    from the tails that a few samples happen to have, adds more error to the figures than it takes away, of which
-    intervals do not know. What is taken is no more than a model that is another function of the parameters, so that
-    whatever follows keeps its expectation; `python -m benchmarks.joined coverage` measures how often intervals hold.
+    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
+    merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
+    the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
+    another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
+    coverage` measures how often intervals hold.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ Society 48 (1952) 600-607; Chow and Robbins, Annals of Mathematical Statistics 3
 Errors at n and 2 n samples, Z_1 and Z_2 in deviations of their own, are jointly normal with the correlation ``1 /
 sqrt(2)``. Widths at n are jointly normal with Z_1 too, in whatever way, and know nothing of the samples after n. One
 stops where they all are small enough, a convex set, so that the share s(z) of the ensembles with ``Z_1 = z`` that stop
-is log-concave (Prekopa, Acta Scientiarum Mathematicarum 34 (1973) 335-343), a mixture of intervals of z. The interval at
-the stop misses with the probability
+is log-concave (Prekopa, Acta Scientiarum Mathematicarum 34 (1973) 335-343), a mixture of intervals of z. The interval
+at the stop misses with the probability
 
     P(|Z_2| > z) + E[s(Z_1) (1[|Z_1| > z] - P(|Z_2| > z | Z_1))],
 

@@ -191,8 +191,8 @@ def _of_replicates(n: int, n_replicates: int, size: int) -> list[Remark]:
     each = n // (n_replicates * size)
     if each < FEW_POINTS:
         points = f"{each} blocks" if size > 1 else f"{each}"
-        few = f"{n} samples are {points} to each of {n_replicates} scrambled Sobol sequences, which fill space from some"
-        remarks.append(warning(f"{few} dozen points on; draw more, or take fewer ensemble.replicates"))
+        few = f"{n} samples are {points} to each of {n_replicates} scrambled Sobol sequences, which fill space from"
+        remarks.append(warning(f"{few} some dozen points on; draw more, or take fewer ensemble.replicates"))
     elif n % (n_replicates * size) or each & (each - 1):
         low = n_replicates * size * 2 ** int(np.log2(each))
         balanced = f"{low} or {2 * low}" if low < n else f"{low}"
