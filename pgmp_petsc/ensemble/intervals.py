@@ -124,13 +124,19 @@ def of_probability(count: int, n: int, confidence: float) -> np.ndarray:
 def of_share(count: int, n: int, confidence: float) -> np.ndarray:
     """Return Jeffreys' interval (low, high) of a share of which `count` of `n` independent trials came true.
 
-    An end is 0 where none came true, and 1 where all did; 0 and 1 of no trials.
+    Where none came true it is from 0 to ``1 - (1 - confidence)^(1 / n)``, as all of the probability is on one side (the
+    rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all that did the same from 1; Jeffreys'
+    own end is nearer, and shares that it leaves out are missed in 8 % of samples. 0 and 1 of no trials.
     """
     from scipy.special import betaincinv
 
+    if n < 1:
+        return np.array([0.0, 1.0])
+    of_none = -np.expm1(np.log1p(-confidence) / n)
+    if count in (0, n):
+        return np.array([0.0, of_none]) if count == 0 else np.array([1.0 - of_none, 1.0])
     tail = 0.5 * (1.0 - confidence)
-    low, high = betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
-    return np.array([low if count else 0.0, high if count < n else 1.0])
+    return betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
 
 
 def of_replicates(centre: np.ndarray | float, figures: np.ndarray, confidence: float) -> np.ndarray:
