@@ -47,6 +47,7 @@ LAWS = {
     "lognormal": (lambda x, e: np.exp(0.6 * x + 0.05 * e), lambda x: np.exp(0.55 * x)),
     "bounded": (lambda x, e: stats.norm.cdf(x) ** 1.3, lambda x: stats.norm.cdf(x)),
     "skew": (lambda x, e: _exponential(x) + 0.05 * _exponential(x) ** 2, lambda x: _exponential(x)),
+    "noisy": (lambda x, e: x + 0.1 * x**2 + 0.03 * e, lambda x: x),
 }
 RARE = 0.05
 MOST = 1 << 20

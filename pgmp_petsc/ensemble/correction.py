@@ -18,6 +18,7 @@ from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.ensemble import Event
 
 
 @dataclass(frozen=True)
@@ -107,15 +108,23 @@ def join(scene: Scene, levels: Levels) -> Joined:
         )
         if _are_enough(values[0].size, replicates):
             found[name] = corrected(values, level, replicates)
-    for label, event in scene.ensemble.probabilities.items():
-        true, _ = levels.values(
-            lambda columns: came_true(event, label, columns.of("outputs"), columns.of("first_passages"))
-        )
+    for label, true in _events(scene, levels).items():
         if true[0].size >= joined.FEWEST:
             found[label] = _probability(true, level)
     outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
     status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
     return Joined(levels.names, level, found, outputs, status)
+
+
+def _events(scene: Scene, levels: Levels) -> dict[str, list[np.ndarray]]:
+    """Return whether each event of the scene came true, of every model as `joined.probability_of` takes it."""
+
+    def of(label: str, event: Event) -> list[np.ndarray]:
+        return levels.values(
+            lambda columns: came_true(event, label, columns.of("outputs"), columns.of("first_passages"))
+        )[0]
+
+    return {label: of(label, event) for label, event in scene.ensemble.probabilities.items()}
 
 
 def with_better(
@@ -131,7 +140,7 @@ def with_better(
     levels = Levels(columns, replicates)
     found = join(scene, levels)
     record = ensemble.record
-    remarks = (*record.remarks, *joined_remarks(found, levels))
+    remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))
     return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
 
 
@@ -204,8 +213,9 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
     if joined.FEWEST <= counts[0] < joined.FEWEST_OF_PARABOLA:
         remarks.append(
             note(
-                f"{counts[0]} samples of {best} do not show whether it is curved in the others; where it is, intervals "
-                f"of corrected means are short: take {joined.FEWEST_OF_PARABOLA} or more"
+                f"{counts[0]} samples of {best} show whether it is curved in the others only where it is that nearly "
+                f"alone; where it is curved and noisy, intervals of corrected means are short: take "
+                f"{joined.FEWEST_OF_PARABOLA} or more"
             )
         )
     if found.n_failed or levels.n_lost:
@@ -215,4 +225,18 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
                 f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased"
             )
         )
+    return tuple(remarks)
+
+
+def event_remarks(scene: Scene, levels: Levels) -> tuple[Remark, ...]:
+    """Return the events of which models disagree so seldom that intervals are of what few samples cannot show."""
+    remarks = []
+    for label, (best, cheaper, *_) in _events(scene, levels).items():
+        n = best.size
+        count = int(np.sum(best != cheaper[:n]))
+        if n >= joined.FEWEST and count < joined.FEW_DISAGREEMENTS:
+            more = f"; about {joined.FEW_DISAGREEMENTS * n // count} samples would show it" if count else ""
+            which = f"{levels.names[0]} and {levels.names[1]} disagree in {count} of {n} samples"
+            room = f"its interval leaves room for what {n} samples do not show, and holds more often than it says"
+            remarks.append(note(f"/corrected/{label}: {which}: {room}{more}"))
     return tuple(remarks)

@@ -78,7 +78,8 @@ def describe_ensemble(
     bands = _bands(scene, kept, chosen)
     described_ones = quantities(outputs, over_time["extremes"])
     usable = fine & (not is_hiding)
-    sobol = sensitivities(described_ones, parameters, sampler.names, usable, sampler.kind, level)
+    of_blocks = scene.ensemble.replicates if sampler.kind == "saltelli" else None
+    sobol = sensitivities(described_ones, parameters, sampler.names, usable, of_blocks, level)
     sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
@@ -90,7 +91,7 @@ def describe_ensemble(
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
         *_few(int(chosen.sum())),
         *(tail_remarks(quantities(outputs, over_time["extremes"]), chosen) if replicates is None else ()),
-        *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
+        *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),

@@ -7,7 +7,8 @@ latin_hypercube    McKay, Beckman and Conover, Technometrics 21 (1979) 239-245: 
 sobol              Sobol sequences with scrambles of their own (Matousek, Journal of Complexity 14 (1998) 527-556;
                    `scipy.stats.qmc.Sobol`): sample k is point k // R of replicate k % R
 saltelli           Saltelli et al., Computer Physics Communications 181 (2010) 259-270: blocks of d + 2 samples, point A
-                   of a scrambled Sobol sequence in 2 d dimensions, A with parameter 1 .. d of B, and B
+                   of a scrambled Sobol sequence in 2 d dimensions, A with parameter 1 .. d of B, and B; block k is of
+                   replicate k % R
 ================== =============================================================================================
 
 Sample k is the same in every batch, on every rank and in a longer run; of a Latin hypercube it is another one where N
@@ -98,13 +99,15 @@ class Replicates:
     ----------
     n_replicates
         Number of sequences.
+    purpose
+        First key of the streams that scramble them.
     """
 
     extends = True
 
-    def __init__(self, seed: int, d: int, n_replicates: int) -> None:
+    def __init__(self, seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> None:
         self._n, self._d = n_replicates, d
-        self._sequences = [Scrambled(d, stream(seed, OF_SCRAMBLE, number)) for number in range(n_replicates)]
+        self._sequences = [Scrambled(d, stream(seed, purpose, number)) for number in range(n_replicates)]
 
     def uniform(self, first: int, last: int) -> np.ndarray:
         """Return the uniform numbers; see `Design`."""
@@ -118,12 +121,12 @@ class Replicates:
 
 
 class Blocks:
-    """Saltelli's blocks; see `Independent`."""
+    """Saltelli's blocks, of scrambled Sobol sequences that take turns; see `Replicates`."""
 
     extends = True
 
-    def __init__(self, seed: int, d: int) -> None:
-        self._d, self._base = d, Scrambled(2 * d, stream(seed, OF_BLOCKS, 0))
+    def __init__(self, seed: int, d: int, n_replicates: int) -> None:
+        self._d, self._base = d, Replicates(seed, 2 * d, n_replicates, OF_BLOCKS)
 
     def uniform(self, first: int, last: int) -> np.ndarray:
         """Return the uniform numbers; see `Design`."""
@@ -131,7 +134,7 @@ class Blocks:
         if first == last:
             return np.empty((0, d))
         begin, end = first // size, -(-last // size)
-        base = self._base.points(begin, end - begin)
+        base = self._base.uniform(begin, end)
         blocks = np.repeat(base[:, None, :d], size, axis=1)
         for k in range(d):
             blocks[:, k + 1, k] = base[:, d + k]

@@ -18,9 +18,12 @@ interval is that of its logarithm. Where the best model is clearly curved in a c
 the parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one
 show.
 
-A probability is that of the cheapest model and the differences from each model to the next better one, ``p_10 - p_01``,
-counted; intervals are put together from those of Wilson by squares (MOVER: Zou and Donner, Statistics in Medicine 27
-(2008) 1693-1702), so that no disagreement in m samples leaves room for as much as Wilson's interval of none does.
+A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 -
+p_2)``: of the common samples a is the share in which the event comes true in the better model where it does in the
+cheaper one, b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970)
+1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; Wilson's
+of the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
+1693-1702).
 Quantiles are no means, and have no part in this.
 """
 
@@ -34,9 +37,11 @@ import numpy as np
 from pgmp_petsc.ensemble import intervals
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them
-FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated from
+FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated from, if the parabola is not nearly all
 HALF = 0.5  # of the squared error of a straight line's predictions, which a parabola has to be better than
+TENTH = 0.1  # of that, with fewer samples
 FEWEST_OF_DEVIATION = 50  # below, measured intervals of the deviation are short: 77 to 94 % at 95 %
+FEW_DISAGREEMENTS = 5  # below, measured intervals of probabilities hold in 97 to 100 % at 95 %
 
 
 @dataclass(frozen=True)
@@ -73,11 +78,12 @@ class Estimate:
 def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return values of all models, cheaper ones through the parabola that fits the best one on their common samples.
 
-    Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line
-    (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is merely significant explains little and, found
-    from the tails that a few samples happen to have, adds more error to the figures than it takes away, of which
-    intervals do not know. What is taken is no more than a model that is another function of the parameters, so that
-    whatever follows keeps its expectation; `python -m benchmarks.joined coverage` measures how often intervals hold.
+    Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
+    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
+    merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
+    the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
+    another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
+    coverage` measures how often intervals hold.
 
     Parameters
     ----------
@@ -90,7 +96,7 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
 def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
     n = best.size
     centre, scale = np.mean(other[:n]), np.std(other[:n])
-    if n < FEWEST_OF_PARABOLA or not scale > 1e-12 * np.max(np.abs(other)):
+    if not scale > 1e-12 * np.max(np.abs(other)):
         return other
     line = (other - centre) / scale
     parabola = line**2 - 1.0 - np.mean(line[:n] ** 3) * line  # orthogonal to 1 and the line over the first n
@@ -102,7 +108,8 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
     straight = np.sum((residual / np.maximum(1.0 - leverage, 1e-12)) ** 2)
     residual, leverage = residual - curvature * first, leverage + first**2 / square
     curved = np.sum((residual / np.maximum(1.0 - leverage, 1e-12)) ** 2)
-    return slope * line + curvature * parabola if curved < HALF * straight else other
+    limit = HALF if n >= FEWEST_OF_PARABOLA else TENTH
+    return slope * line + curvature * parabola if curved < limit * straight else other
 
 
 def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0) -> Estimate:
@@ -227,20 +234,30 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
     came_true
         Of every model, bool, as `mean_of` takes values.
     """
-    cheapest = came_true[-1]
-    value = float(np.mean(cheapest))
-    low, high = intervals.of_probability(int(cheapest.sum()), cheapest.size, confidence)
-    below, above = (value - low) ** 2, (high - value) ** 2
-    for better, cheaper in zip(came_true, came_true[1:]):
-        n = better.size
-        gained, lost = int(np.sum(better & ~cheaper[:n])), int(np.sum(~better & cheaper[:n]))
-        value += (gained - lost) / n
-        of_gained = np.abs(intervals.of_probability(gained, n, confidence) - gained / n)
-        of_lost = np.abs(intervals.of_probability(lost, n, confidence) - lost / n)
-        below += of_gained[0] ** 2 + of_lost[1] ** 2
-        above += of_gained[1] ** 2 + of_lost[0] ** 2
-    ends = value + np.array([-np.sqrt(below), np.sqrt(above)])
-    return float(np.clip(value, 0.0, 1.0)), np.clip(ends, 0.0, 1.0)
+    value = float(np.mean(came_true[-1]))
+    low, high = intervals.of_probability(int(came_true[-1].sum()), came_true[-1].size, confidence)
+    for better, cheaper in reversed(list(zip(came_true, came_true[1:]))):
+        given = cheaper[: better.size]
+        # where there is no such sample, none disagrees
+        kept, of_kept = _share(better[given], 1.0, confidence)
+        gained, of_gained = _share(better[~given], 0.0, confidence)
+        ends = (low, high) if kept >= gained else (high, low)
+        steps = np.array(
+            [
+                value * (of_kept - kept),
+                (1.0 - value) * (of_gained - gained),
+                (kept - gained) * (np.array(ends) - value),
+            ]
+        )
+        value = kept * value + gained * (1.0 - value)
+        low, high = value + np.array([-1.0, 1.0]) * np.sqrt(np.sum(steps**2, axis=0))
+    return value, np.clip([low, high], 0.0, 1.0)
+
+
+def _share(true: np.ndarray, of_none: float, confidence: float) -> tuple[float, np.ndarray]:
+    """Return the share of trials (n,) that came true, `of_none` without any, and its interval (2,)."""
+    share = float(np.mean(true)) if true.size else of_none
+    return share, intervals.of_share(int(true.sum()), true.size, confidence)
 
 
 def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:

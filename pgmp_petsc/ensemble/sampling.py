@@ -74,7 +74,10 @@ class Sampler:
 
     def replicates(self, n: int) -> np.ndarray | None:
         """Return which independent replicate each of n samples belongs to, (n,); None where samples are independent."""
-        return np.arange(n) % self._scene.ensemble.replicates if self.kind == "sobol" else None
+        if self.kind not in ("sobol", "saltelli"):
+            return None
+        size = len(self.names) + 2 if self.kind == "saltelli" else 1  # blocks take turns as a whole
+        return np.arange(n) // size % self._scene.ensemble.replicates
 
     def described(self, n: int) -> np.ndarray:
         """Return which of n samples statistics are of, (n,): all, but of blocks the points A and B."""
@@ -90,7 +93,7 @@ class Sampler:
                 f"uncertain parameters ({d}) and two; give a multiple, such as {near} or {near + d + 2}"
             )
         if self.kind == "saltelli":
-            return Blocks(seed, d)
+            return Blocks(seed, d, asked.replicates)
         if self.kind == "sobol":
             return Replicates(seed, d, asked.replicates)
         return LatinHypercube(seed, d, n) if self.kind == "latin_hypercube" else Independent(seed, d)
@@ -168,29 +171,30 @@ def sampler_remarks(scene: Scene, plan: Plan) -> tuple[Remark, ...]:
         remarks.append(
             note(
                 "statistics, probabilities and bands are of the base points A and B of the sampler saltelli, whose "
-                "other samples repeat their values; intervals take them for independent, which as a rule makes them "
-                "too wide"
+                "other samples repeat their values"
             )
         )
+        remarks += _of_replicates(n, asked.replicates, len(uncertain_names(scene)) + 2)
     if asked.sampler == "sobol":
-        remarks += _of_replicates(n, asked.replicates)
+        remarks += _of_replicates(n, asked.replicates, 1)
     return (*remarks, *draw_remarks(scene))
 
 
-def _of_replicates(n: int, n_replicates: int) -> list[Remark]:
-    """Return what is to be said of the number of samples of scrambled sequences."""
+def _of_replicates(n: int, n_replicates: int, size: int) -> list[Remark]:
+    """Return what is to be said of the number of samples of scrambled sequences, of each point of which `size` are."""
     remarks = [
         note(
             f"intervals of mean and deviation follow from the spread between {n_replicates} scrambled Sobol sequences; "
             "those of quantiles and probabilities take samples for independent, which as a rule makes them too wide"
         )
     ]
-    each = n // n_replicates
+    each = n // (n_replicates * size)
     if each < FEW_POINTS:
-        few = f"{n} samples are {each} to each of {n_replicates} scrambled Sobol sequences, which fill space from some"
-        remarks.append(warning(f"{few} dozen points on; draw more, or take fewer ensemble.replicates"))
-    elif n % n_replicates or each & (each - 1):
-        low = n_replicates * 2 ** int(np.log2(each))
+        points = f"{each} blocks" if size > 1 else f"{each}"
+        few = f"{n} samples are {points} to each of {n_replicates} scrambled Sobol sequences, which fill space from"
+        remarks.append(warning(f"{few} some dozen points on; draw more, or take fewer ensemble.replicates"))
+    elif n % (n_replicates * size) or each & (each - 1):
+        low = n_replicates * size * 2 ** int(np.log2(each))
         balanced = f"{low} or {2 * low}" if low < n else f"{low}"
         remarks.append(
             note(f"Sobol sequences are balanced at powers of two: {balanced} samples are better used than {n}")

@@ -210,7 +210,7 @@ def stopping_remarks(stopping: Stopping, confidence: float) -> tuple[Remark, ...
             note(
                 f"samples were looked at {len(stopping.samples)} times; each interval is taken at the level "
                 f"{100 * level_of_each(confidence):.2f} %, so that at the stop it holds with {100 * confidence:g} % "
-                "although one looked (two neighbouring looks together, docs/uncertainty.md)"
+                "although one looked (whichever of two neighbouring looks it is, docs/uncertainty.md)"
             )
         )
     if stopping.budget is not None:

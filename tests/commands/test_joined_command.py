@@ -101,7 +101,7 @@ def test_better_models_have_the_same_draws(together: tuple[Ensemble, str], scene
 
 
 def test_corrected_figures_are_those_of_their_samples(together: tuple[Ensemble, str]) -> None:
-    ensemble, _ = together
+    ensemble, said = together
     found = ensemble.joined
     for name, own in ensemble.outputs.items():
         values = [*(found.outputs[model][name] for model in found.models[:-1]), own]
@@ -115,6 +115,8 @@ def test_corrected_figures_are_those_of_their_samples(together: tuple[Ensemble, 
     assert {"crank_angle.max", "crank_angle.min", "late"} <= set(found.corrected)
     late = found.corrected["late"].figures["estimate"]
     assert late.interval[0] < late.estimate < late.interval[1]
+    # steps half as long decide on few samples
+    assert "note: /corrected/late: full/2 and full disagree in " in said and "holds more often than it says" in said
 
 
 def test_the_interval_has_the_mean_of_the_better_model(together: tuple[Ensemble, str], scene: Scene) -> None:
@@ -274,7 +276,7 @@ def test_a_rule_stops_and_a_resume_stops_there_too(model: ReducedModel, rom: Pat
     found = Ensemble.read(path)
     n = len(found.status)
     assert found.stopping.is_met and found.stopping.rules == (RULE,) and n == found.stopping.samples[-1] < 5000
-    assert f"stopped after {n} samples" in done.stdout and "97.06 %" in done.stdout
+    assert f"stopped after {n} samples" in done.stdout and "96.28 %" in done.stdout
     statistics = found.statistics["crank_angle"]
     np.testing.assert_array_equal(statistics.std_interval, found.stopping.intervals[0, -1])
     assert statistics.confidence == 0.95 and found.stopping.reached[0, -1] <= 0.08 < found.stopping.reached[0, -2]

@@ -131,7 +131,9 @@ def test_blocks_lead_to_sobol_indices(rom: Path, folder: Path) -> None:
     indices = found.sobol["crank_angle"]
     assert (indices.parameters, indices.count, indices.method) == (("push", "r1"), 32, "saltelli")
     # the angle is nearly the torque's integral over a nearly rigid mechanism: what is left is the inertia of the crank
-    assert indices.first[0] > indices.first[1] > 0.0 and np.sum(indices.first) == pytest.approx(1.0, abs=0.1)
+    # 32 blocks know an index to 0.15
+    assert indices.first[0] > indices.first[1] and np.sum(indices.first) == pytest.approx(1.0, abs=0.4)
+    assert "from 8 Sobol sequences of 4 blocks each" in done.stdout + done.stderr
     assert found.statistics["crank_angle"].count == 64
     assert "Sobol indices" in done.stdout and "base points A and B" in done.stdout
     refused = pgmp("montecarlo", rom, "-n", 130, "--sampler", "saltelli", "-o", path, status=2)

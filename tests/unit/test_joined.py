@@ -149,8 +149,9 @@ def test_a_cheaper_model_counts_through_the_parabola_that_fits() -> None:
     random = np.random.default_rng(9)
     x = random.normal(3.0, 0.2, 500)
     best = 2.0 - x + 0.3 * x**2
-    found = joined.mean_of(joined.calibrated([best[:20], x]))
-    assert found.value == pytest.approx(best.mean(), rel=1e-12)
+    for n in (joined.FEWEST, 20):
+        found = joined.mean_of(joined.calibrated([best[:n], x]))
+        assert found.value == pytest.approx(best.mean(), rel=1e-12)
     noisy = best[:40] + 0.002 * random.normal(size=40)
     by_hand = np.polyval(np.polyfit(x[:40], noisy, 2), x)
     # but for what all have in common, which no figure knows of
@@ -164,7 +165,8 @@ def test_a_curvature_that_explains_little_is_none() -> None:
     for best, cheap in (
         (x[:100] + random.normal(size=100), x),
         (x[:100] + 0.05 * x[:100] ** 2 + 0.1 * random.normal(size=100), x),  # 5 standard errors, a third of the error
-        (x[: joined.FEWEST_OF_PARABOLA - 1] ** 2, x),
+        # a quarter of the error of a straight line is not little enough with so few
+        (x[:19] + 0.2 * x[:19] ** 2 + 0.12 * random.normal(size=19), x),
         (x[:100], np.full(300, 7.0)),
         (x[:100], two),
     ):
@@ -227,17 +229,55 @@ def test_a_variance_that_comes_out_negative_is_not_known() -> None:
     assert np.isnan(value) and np.isnan(ends).all()
 
 
-def test_probabilities_hold_and_agreement_of_few_samples_proves_little() -> None:
-    random, held, limit, repetitions = np.random.default_rng(6), 0, stats.norm.isf(0.1), 80
+@pytest.mark.parametrize("sizes", [(200, 2000), (100, 400, 2000)])
+def test_probabilities_hold_and_are_nearer_than_those_of_differences(sizes: tuple[int, ...]) -> None:
+    random, held, limit, repetitions, off = np.random.default_rng(6), 0, stats.norm.isf(0.1), 200, []
     for _ in range(repetitions):
-        best, cheap = models(random, (200, 2000), 0.3)
-        value, ends = joined.probability_of([best - 0.3 > limit, 2.0 * (cheap - 1.0) > limit], LEVEL)
+        best, *others = models(random, sizes, 0.5)
+        true = [best - 0.3 > limit, *((one - 1.0) / (0.5 * k) > limit for k, one in enumerate(others, 1))]
+        value, ends = joined.probability_of(true, LEVEL)
         held += ends[0] <= 0.1 <= ends[1]
+        by_differences = np.mean(true[-1]) + sum(np.mean(a) - np.mean(b[: a.size]) for a, b in zip(true, true[1:]))
+        off.append([value - 0.1, by_differences - 0.1])
     assert held >= stats.binom(repetitions, LEVEL).ppf(1e-4)
+    errors = np.sqrt(np.mean(np.square(off), axis=0))
+    assert errors[0] < errors[1]
+
+
+def test_a_probability_is_the_likeliest_of_double_samples() -> None:
+    """Against the maximum of the likelihood of all counts over the three probabilities (Tenenbein 1970)."""
+    random = np.random.default_rng(14)
+    cheap = random.random(1000) < 0.2
+    best = np.where(random.random(100) < 0.1, ~cheap[:100], cheap[:100])
+
+    def log_likelihood(logits: np.ndarray) -> float:
+        p, a, b = 1.0 / (1.0 + np.exp(-logits))
+        of_best = np.where(cheap[:100], np.where(best, a, 1.0 - a), np.where(best, b, 1.0 - b))
+        return np.sum(np.log(np.where(cheap, p, 1.0 - p))) + np.sum(np.log(of_best))
+
+    p, a, b = 1.0 / (1.0 + np.exp(-minimize(lambda x: -log_likelihood(x), np.zeros(3), tol=1e-10).x))
+    assert joined.probability_of([best, cheap], LEVEL)[0] == pytest.approx(a * p + b * (1.0 - p), rel=1e-5)
+
+
+def test_agreement_of_few_samples_proves_little() -> None:
     same = np.zeros(10_000, dtype=bool)
     value, ends = joined.probability_of([same[:50], same], LEVEL)
-    none_of_50 = intervals.of_probability(0, 50, LEVEL)[1]
-    assert value == 0.0 and ends[0] == 0.0 and ends[1] >= none_of_50
+    none_of_50 = 1.0 - 0.05 ** (1 / 50)
+    assert value == 0.0 and ends[0] == 0.0 and ends[1] >= 0.999 * none_of_50
+    # none of the few samples came true in the cheaper model: what it would be in the better one is not known
+    rare = np.arange(10_000) >= 9_000
+    value, ends = joined.probability_of([same[:50], rare], LEVEL)
+    assert value == 0.1 and ends[0] < 0.01 and ends[1] >= 0.1 + 0.9 * none_of_50 - 0.02
+
+
+def test_a_share_has_the_interval_of_jeffreys() -> None:
+    # Brown, Cai and DasGupta 2001: quantiles of the posterior of a Beta(1/2, 1/2)
+    np.testing.assert_allclose(intervals.of_share(3, 20, 0.95), stats.beta(3.5, 17.5).ppf([0.025, 0.975]), rtol=1e-9)
+    # none of 20 comes true with 5 % at the upper end
+    low, high = intervals.of_share(0, 20, 0.95)
+    assert low == 0.0 and (1.0 - high) ** 20 == pytest.approx(0.05, rel=1e-12)
+    np.testing.assert_allclose(intervals.of_share(20, 20, 0.95), [1.0 - high, 1.0], rtol=1e-12)
+    np.testing.assert_array_equal(intervals.of_share(0, 0, 0.95), [0.0, 1.0])
 
 
 def test_a_constant_model_tells_nothing() -> None:

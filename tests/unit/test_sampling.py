@@ -200,7 +200,11 @@ def test_what_intervals_of_each_sampler_rest_on_is_said() -> None:
     assert said("random", 10) == ""
     assert "intervals take the samples of a Latin hypercube for independent ones" in said("latin_hypercube", 10)
     assert "statistics, probabilities and bands are of the base points A and B" in said("saltelli", 8)
-    assert "spread between 8 scrambled Sobol sequences" in said("sobol", 512)
+    assert "warning: 8 samples are 0 blocks to each of 8 scrambled Sobol sequences" in said("saltelli", 8)
+    assert "1024 or 2048 samples are better used than 1028" in said("saltelli", 1028)
+    assert "balanced" not in said("saltelli", 1024)
+    for sampler in ("sobol", "saltelli"):
+        assert "spread between 8 scrambled Sobol sequences" in said(sampler, 512)
     assert "balanced" not in said("sobol", 512) and "warning" not in said("sobol", 512)
     assert "256 or 512 samples are better used than 500" in said("sobol", 500)
     assert "256 or 512 samples are better used than 300" in said("sobol", 300)

@@ -100,8 +100,9 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
         why = "without effect, as no parameter is a length or a place"
         yield doubt("reduction.length_points", why, reduction.length_points)
     ensemble = scene.ensemble
-    if _is_set(ensemble, "replicates") and ensemble.sampler != "sobol":
-        why = f'without effect, as ensemble.sampler = "{ensemble.sampler}"; it is for "sobol" (--sampler sobol)'
+    if _is_set(ensemble, "replicates") and ensemble.sampler not in ("sobol", "saltelli"):
+        own = f'without effect, as ensemble.sampler = "{ensemble.sampler}"'
+        why = f'{own}; it is for "sobol" and "saltelli" (--sampler)'
         yield doubt("ensemble.replicates", why, ensemble.replicates)
     if _is_set(ensemble, "band_samples") and not ensemble.bands:
         yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
