@@ -1,11 +1,12 @@
-"""Weighted tables of the reduced model with their first and second derivatives at a place; compiled.
+"""Weighted tables of the reduced model with their first and second derivatives at LANES places of a cell; compiled.
 
 In a cell every entry of a table is a polynomial of the place (`dynamics.reduced_arrays.Tables`). With the weights w of
 one sample, or their derivatives with a parameter, in place of those of all terms,
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),
 
-and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, in rows.
+and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, in rows. Places,
+monomials and jets are arrays of vectors without their axis of lanes (`lane_items.items`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import spread
 
 
 @njit(inline="always")
@@ -46,49 +48,53 @@ def cell_of(theta, grid, place):
     return number
 
 
-@njit(error_model="numpy")
-def fill_basis(place, n_powers, basis):
-    """Fill the monomials of a place and their derivatives, (n_jets, n_powers**n_theta); last coordinate fastest."""
-    r = place.size
-    powers, orders = np.zeros((r, 3, n_powers)), np.empty(r, dtype=np.int64)
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def fill_basis(r, place, n_powers, powers, orders, basis):
+    """Fill the monomials of places (n_theta,) and their derivatives, (n_jets, n_powers**n_theta); last coordinate fastest.
+
+    `powers` (n_theta, 3, n_powers or more) and `orders` (n_theta,) are room.
+    """
     for k in range(r):
-        for c in range(n_powers):
-            powers[k, 0, c] = place[k] ** c
-            powers[k, 1, c] = c * place[k] ** (c - 1) if c > 0 else 0.0
-            powers[k, 2, c] = c * (c - 1) * place[k] ** (c - 2) if c > 1 else 0.0
+        powers[k, 0, 0], powers[k, 1, 0], powers[k, 2, 0] = spread(1.0), spread(0.0), spread(0.0)
+        for c in range(1, n_powers):
+            powers[k, 0, c] = powers[k, 0, c - 1] * place[k]
+            powers[k, 1, c] = float(c) * powers[k, 0, c - 1]
+            powers[k, 2, c] = float(c) * powers[k, 1, c - 1]
     for c in range(basis.shape[1]):
-        value, rest = 1.0, c
+        rest = c
         for k in range(r - 1, -1, -1):
             orders[k], rest = rest % n_powers, rest // n_powers
-            value *= powers[k, 0, orders[k]]
-        basis[0, c] = value
-        for k in range(r):
+        for k in range(-1, r):  # -1: the value
             for l in range(-1, k + 1):  # -1: the slope
-                product = 1.0
+                product = spread(1.0)
                 for h in range(r):
-                    product *= powers[h, (h == k) + (h == l), orders[h]]
-                basis[1 + k if l < 0 else second(r, k, l), c] = product
+                    product *= powers[h, int(h == k) + int(h == l), orders[h]]
+                basis[0 if k < 0 else 1 + k if l < 0 else second(r, k, l), c] = product
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def weigh(terms, weights, coefficients):
-    """Fill the coefficients (n_c, n_entries) of weighted terms (n_terms, n_entries * n_c), n_c = n_powers**n_theta."""
-    n_coefficients, n_entries = coefficients.shape
-    coefficients[:] = 0.0
+    """Fill the coefficients (n_entries, n_c), n_c = n_powers**n_theta, with a weighted sum of terms.
+
+    Terms are of shape (n_terms, n_entries * n_c), weights numbers or vectors (n_terms,), coefficients what these are.
+    """
+    n_entries, n_c = coefficients.shape
+    nothing = 0.0 * weights[0]
+    for e in range(n_entries):
+        for c in range(n_c):
+            coefficients[e, c] = nothing
     for t in range(terms.shape[0]):
-        if weights[t] != 0.0:
-            for c in range(n_coefficients):
-                for e in range(n_entries):
-                    coefficients[c, e] += weights[t] * terms[t, e * n_coefficients + c]
+        for e in range(n_entries):
+            for c in range(n_c):
+                coefficients[e, c] += weights[t] * terms[t, e * n_c + c]
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def fill_jet(basis, coefficients, n_rows, jet):
-    """Fill the first rows of the jet (n_jets, n_entries or more) of polynomials."""
-    for row in range(n_rows):
-        for e in range(coefficients.shape[1]):
-            jet[row, e] = 0.0
-        for c in range(coefficients.shape[0]):
-            factor = basis[row, c]
-            for e in range(coefficients.shape[1]):
-                jet[row, e] += factor * coefficients[c, e]
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
+def fill_jet(basis, coefficients, n_rows, n_c, jet):
+    """Fill the first rows of the jet (n_jets, n_entries or more) of polynomials, of numbers or vectors (n_entries, n_c)."""
+    for e in range(coefficients.shape[0]):
+        for row in range(n_rows):
+            total = basis[row, 0] * coefficients[e, 0]
+            for c in range(1, n_c):
+                total += basis[row, c] * coefficients[e, c]
+            jet[row, e] = total

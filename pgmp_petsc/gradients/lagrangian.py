@@ -1,4 +1,4 @@
-"""Residual of the reduced Lagrangian of one sample and its exact derivatives; compiled.
+"""Residual of the reduced Lagrangian and its exact derivatives, of LANES states at once; compiled.
 
 The equations are those of `dynamics.reduced_lagrangian`, written with the whole mass matrix, w = delta', and a sum over
 equal indices::
@@ -12,15 +12,23 @@ The engine's iteration matrix leaves out what hardly matters to Newton's method.
 
 and d r/d delta. The residual is linear in the tables, so that its derivative with theta_k, or with a parameter, is the
 residual itself of the tables' derivatives: `fill_residual` serves for all three. Entries of tables are in the order of
-`Layout`; `value` and `slope` (n_theta, n_entries) are their values and derivatives with theta.
+`Layout`; `value` and `slope` (n_theta, n_entries) are their values and derivatives with theta. All arrays are of
+vectors, without their axis of lanes (`lane_items.items`).
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from pgmp_petsc.gradients.jets import second
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import spread
+
+
+@njit(counted=False)
+def clear(matrix):
+    """Put zeros into a matrix."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = spread(0.0)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -36,7 +44,7 @@ def fill_mass(layout, value, delta, mass):
     pair = 0
     for k in range(r):
         for l in range(k + 1):
-            leant = 0.0
+            leant = spread(0.0)
             for i in range(m):
                 leant += 2.0 * value[layout.coupling + pair * m + i] * delta[i]  # 2 b_kl.delta
             if layout.cubic < layout.damping:
@@ -88,7 +96,7 @@ def fill_lean(layout, value, delta, lean):
 def fill_swept(layout, value, x, swept):
     """Fill ``A_k x`` for a vector x (n_delta,), shape (n_theta, n_delta)."""
     r = len(layout.rigid)
-    swept[:] = 0.0
+    clear(swept)
     if layout.cubic < layout.damping:
         at = layout.gyroscopic
         for k in range(r):
@@ -109,7 +117,7 @@ def fill_stiffness(layout, value, load, delta, linear, bent):
         for j in range(i + 1):
             linear[i, j] = linear[j, i] = value[entry]
             entry += 1
-    bent[:] = 0.0
+    clear(bent)
     if layout.cubic == layout.damping:
         return
     entry, of_load = layout.cubic, layout.n_eta
@@ -138,7 +146,7 @@ def fill_stiffness(layout, value, load, delta, linear, bent):
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_damping(layout, value, damping):
     """Fill D (n_eta, n_eta), zero where there is none."""
-    damping[:] = 0.0
+    clear(damping)
     entry = layout.damping
     if entry < layout.end:
         for x in range(layout.n_eta):
@@ -158,7 +166,8 @@ def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
     moment
         Coordinates, velocities and accelerations as inertia forces see them, and velocities (4, n_eta); see `take_up`.
     work
-        As from `room`.
+        Matrices: (n_eta, n_eta), (n_theta, n_theta, n_delta), (n_theta, n_delta), twice (n_delta, n_delta), and
+        (n_eta, n_eta).
     """
     mass, lean, swept, linear, bent, damping = work
     r, n = len(layout.rigid), layout.n_eta
@@ -187,7 +196,7 @@ def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
     for h in range(r):
         fill_mass(layout, slope[h], delta, mass)
         for x in range(n):
-            along = 0.0
+            along = spread(0.0)
             for y in range(n):
                 along += mass[x, y] * v[y]
             result[x] += v[h] * along  # theta_h' (d_h Mass) eta'
@@ -196,7 +205,7 @@ def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
         for i in range(m):
             result[h] -= load_slope[h, r + i] * delta[i]
             for j in range(m):
-                result[h] += delta[i] * (0.5 * linear[i, j] + bent[i, j] / 6.0) * delta[j]
+                result[h] += delta[i] * (0.5 * linear[i, j] + (1.0 / 6.0) * bent[i, j]) * delta[j]
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -212,7 +221,7 @@ def fill_derivatives(layout, value, slope, load, load_slope, moment, work, by_q,
     delta, w = q[r:], v[r:]
     fill_mass(layout, value, delta, by_a)
     fill_damping(layout, value, by_v)
-    by_q[:] = 0.0
+    clear(by_q)
     fill_stiffness(layout, value, load, delta, linear, bent)
     for i in range(m):
         for j in range(m):
@@ -237,7 +246,7 @@ def fill_derivatives(layout, value, slope, load, load_slope, moment, work, by_q,
     for h in range(r):
         fill_mass(layout, slope[h], delta, mass)
         for x in range(n):
-            along = 0.0
+            along = spread(0.0)
             for y in range(n):
                 along += mass[x, y] * v[y]
                 by_v[x, y] += v[h] * mass[x, y]
@@ -293,22 +302,12 @@ def _add_second_order(layout, value, slope, v, a, by_q, by_v):
                 at += 1
 
 
-@njit(error_model="numpy")
-def room(layout):
-    """Return what `fill_residual` and `fill_derivatives` work with."""
-    r, n = len(layout.rigid), layout.n_eta
-    m = n - r
-    return (
-        np.empty((n, n)), np.empty((r, r, m)), np.empty((r, m)), np.empty((m, m)), np.empty((m, m)), np.empty((n, n)),
-    )  # fmt: skip
-
-
 @njit(error_model="numpy", counted=False)
 def take_up(layout, q, rate, a, mass_damping, moment):
     """Fill coordinates, velocities and accelerations as inertia forces see them, and velocities, shape (4, n_eta)."""
     for x in range(layout.n_eta):
         moment[0, x], moment[3, x] = q[x], rate[x]
-        moment[1, x] = rate[x] if layout.quadratic else 0.0
+        moment[1, x] = rate[x] if layout.quadratic else spread(0.0)
         moment[2, x] = a[x] + mass_damping * rate[x]
 
 
@@ -320,15 +319,26 @@ def fill_balance(layout, jet, load_jet, moment, work, residual):
 
 
 @njit(error_model="numpy", counted=False)
-def fill_tangents(layout, jet, load_jet, moment, mass_damping, work, slopes, column, by_q, by_v, by_a):
-    """Fill all derivatives of the residual with a state (n_eta, n_eta), from the tables' jets.
+def fill_tangents(layout, jet, load_jet, moment, mass_damping, work, by_q, by_v, by_a):
+    """Fill the derivatives of the residual with a state (n_eta, n_eta), from the tables' jets.
+
+    Columns of theta of `by_q`, in which tables have second derivatives, are left to `fill_columns`.
+    """
+    first = slice(1, 1 + len(layout.rigid))
+    fill_derivatives(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, by_q, by_v, by_a)
+    for x in range(layout.n_eta):
+        for y in range(layout.n_eta):
+            by_v[x, y] += mass_damping * by_a[x, y]
+
+
+@njit(error_model="numpy", counted=False)
+def fill_columns(layout, jet, load_jet, moment, work, slopes, column, by_q):
+    """Fill the columns of theta of `by_q`.
 
     `slopes` and `column` are room for second derivatives of tables, (n_theta, n_entries) of terms and of loads, and for
     a column (n_eta,).
     """
-    r, n = len(layout.rigid), layout.n_eta
-    first = slice(1, 1 + r)
-    fill_derivatives(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, by_q, by_v, by_a)
+    r = len(layout.rigid)
     slope, load_slope = slopes
     for k in range(r):
         for h in range(r):
@@ -338,8 +348,5 @@ def fill_tangents(layout, jet, load_jet, moment, mass_damping, work, slopes, col
             for entry in range(load_slope.shape[1]):
                 load_slope[h, entry] = load_jet[row, entry]
         fill_residual(layout, jet[1 + k], slope, load_jet[1 + k], load_slope, moment, work, column)
-        for x in range(n):
+        for x in range(layout.n_eta):
             by_q[x, k] = column[x]
-    for x in range(n):
-        for y in range(n):
-            by_v[x, y] += mass_damping * by_a[x, y]

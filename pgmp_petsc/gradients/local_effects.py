@@ -94,6 +94,11 @@ class LocalDerivatives:
                 for k, quantity in enumerate(own):
                     table[k] = quantity.coefficient * quantity.monomial.derivative(name, values)
 
+    @property
+    def present(self) -> bool:
+        """Whether there are local effects."""
+        return bool(self._actions)
+
     def add(
         self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
         residual: np.ndarray,
