@@ -20,8 +20,8 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.reduced_arrays import Layout
 from pgmp_petsc.gradients.elimination import solve_lanes
-from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
-from pgmp_petsc.gradients.lagrangian import fill_balance, fill_columns, fill_tangents, take_up
+from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
+from pgmp_petsc.gradients.lagrangian import fill_columns, fill_matrices, fill_residual, fill_tangents, take_up
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
@@ -128,13 +128,9 @@ class _Room(NamedTuple):
     ----------
     place
         In the cell, (n_theta,), rad.
-    powers
-        Of the place, with their derivatives, (n_theta, 3, n_powers).
-    basis, rigid_basis
-        Monomials of tables and of the rigid inertia, (n_jets, n_powers**n_theta).
-    jet, loads, load_jet, slopes, load_slopes
-        Of the tables (n_jets, layout.end), coefficients of the loads (layout.load_end, n_powers**n_theta), their jet,
-        and second derivatives of both, (n_theta, layout.end) and (n_theta, layout.load_end).
+    jets, loads, load_jets
+        Of the tables (layout.end, n_jets), coefficients of the loads (layout.load_end * n_powers**n_theta,), and their
+        jets (layout.load_end, n_jets).
     amplitudes
         Weights of the load terms (n_load_terms,).
     state, moment
@@ -143,19 +139,14 @@ class _Room(NamedTuple):
         A residual, (n_eta,).
     by_q, by_v, by_a, matrix
         Derivatives, and those within a step, (n_eta, n_eta).
-    mass, lean, swept, linear, bent, damping
-        See `lagrangian.fill_residual`.
+    mass, lean, linear, bent, swept
+        See `lagrangian.fill_matrices` and `lagrangian.fill_residual`.
     """
 
     place: np.ndarray
-    powers: np.ndarray
-    basis: np.ndarray
-    rigid_basis: np.ndarray
-    jet: np.ndarray
+    jets: np.ndarray
     loads: np.ndarray
-    load_jet: np.ndarray
-    slopes: np.ndarray
-    load_slopes: np.ndarray
+    load_jets: np.ndarray
     amplitudes: np.ndarray
     state: np.ndarray
     moment: np.ndarray
@@ -166,10 +157,9 @@ class _Room(NamedTuple):
     matrix: np.ndarray
     mass: np.ndarray
     lean: np.ndarray
-    swept: np.ndarray
     linear: np.ndarray
     bent: np.ndarray
-    damping: np.ndarray
+    swept: np.ndarray
 
 
 def _room(layout: Layout, n_loads: int) -> _Room:
@@ -177,15 +167,13 @@ def _room(layout: Layout, n_loads: int) -> _Room:
     r, n, n_rows, of_loads = len(layout.rigid), layout.n_eta, n_jets(len(layout.rigid)), layout.load_end
     m = n - r
     shapes = {
-        "place": (r,), "powers": (r, 3, N_POWERS_OF_RIGID), "basis": (n_rows, N_POWERS**r),
-        "rigid_basis": (n_rows, N_POWERS_OF_RIGID**r), "jet": (n_rows, layout.end), "loads": (of_loads, N_POWERS**r),
-        "load_jet": (n_rows, of_loads), "slopes": (r, layout.end), "load_slopes": (r, of_loads),
-        "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
-        "lean": (r, r, m), "swept": (r, m), "linear": (m, m), "bent": (m, m),
+        "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,), "load_jets": (of_loads, n_rows),
+        "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,), "mass": (n_rows, n, n),
+        "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m), "swept": (r, m),
     }  # fmt: skip
-    square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix", "mass", "damping"), (n, n))
+    square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
-    room.load_jet[:] = 0.0  # where there are no loads
+    room.load_jets[:] = 0.0  # where there are no loads
     return room
 
 
@@ -224,20 +212,15 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     turns, cells, places = located
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
     n_rigid, n_rows, n_t = r * (r + 1) // 2, n_jets(r), turns.size
-    n_c, n_c_rigid = N_POWERS**r, N_POWERS_OF_RIGID**r
-    of_rigid, of_terms = np.empty((n_sets, n_rigid, n_c_rigid)), np.empty((n_sets, layout.end, n_c))
-    orders, at = np.empty(r, dtype=np.int64), np.empty(LANES, dtype=np.int64)
-    place, powers = items(room.place, WIDE), items(room.powers, WIDE)
-    basis, rigid_basis = items(room.basis, WIDE), items(room.rigid_basis, WIDE)
-    jet, of_loads, load_jet = items(room.jet, WIDE), items(room.loads, WIDE), items(room.load_jet, WIDE)
-    slopes = items(room.slopes, WIDE), items(room.load_slopes, WIDE)
-    amplitudes, state, moment = items(room.amplitudes, WIDE), items(room.state, WIDE), items(room.moment, WIDE)
+    of_rigid = np.empty((n_sets, n_rigid * N_POWERS_OF_RIGID**r))
+    of_terms = np.empty((n_sets, layout.end * N_POWERS**r))
+    at = np.empty(LANES, dtype=np.int64)
+    jets, load_jets = items(room.jets, WIDE), items(room.load_jets, WIDE)
+    of_loads, amplitudes = items(room.loads, WIDE), items(room.amplitudes, WIDE)
+    state, moment, swept = items(room.state, WIDE), items(room.moment, WIDE), items(room.swept, WIDE)
     balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
     by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
-    work = (
-        items(room.mass, WIDE), items(room.lean, WIDE), items(room.swept, WIDE), items(room.linear, WIDE),
-        items(room.bent, WIDE), items(room.damping, WIDE),
-    )  # fmt: skip
+    matrices = items(room.mass, WIDE), items(room.lean, WIDE), items(room.linear, WIDE), items(room.bent, WIDE)
     loaded, first, last = loads.shape[2] > 0, 0, -1
     while first < n_t:
         cell, count = cells[turns[first]], 1
@@ -256,25 +239,24 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             for part in range(3):
                 for i in range(n):
                     room.state[part, i, lane] = states[part][t, i]
-        fill_basis(r, place, N_POWERS, powers, orders, basis)
-        fill_basis(r, place, N_POWERS_OF_RIGID, powers, orders, rigid_basis)
-        fill_jet(basis, of_terms[0], n_rows, n_c, jet)
-        fill_jet(rigid_basis, of_rigid[0], n_rows, n_c_rigid, jet)
+        fill_jets(of_terms[0], room.place, layout.rigid, n_rigid, layout.end, True, room.jets)
+        fill_rigid_jets(of_rigid[0], room.place, layout.rigid, n_rigid, True, room.jets)
         if loaded:
             for lane in range(LANES):
                 for l in range(loads.shape[2]):
                     room.amplitudes[l, lane] = loads[at[lane], 0, l]
             weigh(tables.loads[cell], amplitudes, of_loads)
-            fill_jet(basis, of_loads, n_rows, n_c, load_jet)
+            fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
         take_up(layout, state[0], state[1], state[2], mass_damping, moment)
-        fill_balance(layout, jet, load_jet, moment, work, balance)
+        fill_matrices(layout, jets, load_jets, moment[0, r:], n_rows, matrices)
+        fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
         if gains[1] > 0.0:
-            # what is to be taken away is so small that the same tables will do, and a matrix without their second
-            # derivatives
-            fill_tangents(layout, jet, load_jet, moment, mass_damping, work, by_q, by_v, by_a)
+            # what is to be taken away is so small that the tables stay as they are, and what deformations make of them,
+            # and that a matrix without second derivatives of tables will do
+            fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
             for i in range(n):
                 for j in range(n):
                     matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gains[1] * by_a[i, j]
@@ -295,8 +277,8 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                 state[1, i] -= gains[0] * balance[i]
                 state[2, i] -= gains[1] * balance[i]
             take_up(layout, state[0], state[1], state[2], mass_damping, moment)
-        fill_tangents(layout, jet, load_jet, moment, mass_damping, work, by_q, by_v, by_a)
-        fill_columns(layout, jet, load_jet, moment, work, slopes, balance, by_q)
+        fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
+        fill_columns(layout, jets, load_jets, matrices, moment, swept, balance, by_q)
         for lane in range(count):
             t = at[lane]
             for i in range(n):
@@ -305,15 +287,16 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                     all_by_v[t, i, j] += room.by_v[i, j, lane]
                     all_by_a[t, i, j] += room.by_a[i, j, lane]
         for s in range(1, n_sets):
-            fill_jet(basis, of_terms[s], 1 + r, n_c, jet)
-            fill_jet(rigid_basis, of_rigid[s], 1 + r, n_c_rigid, jet)
+            fill_jets(of_terms[s], room.place, layout.rigid, n_rigid, layout.end, False, room.jets)
+            fill_rigid_jets(of_rigid[s], room.place, layout.rigid, n_rigid, False, room.jets)
             if loaded:
                 for lane in range(LANES):
                     for l in range(loads.shape[2]):
                         room.amplitudes[l, lane] = loads[at[lane], s, l]
                 weigh(tables.loads[cell], amplitudes, of_loads)
-                fill_jet(basis, of_loads, 1 + r, n_c, load_jet)
-            fill_balance(layout, jet, load_jet, moment, work, balance)
+                fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
+            fill_matrices(layout, jets, load_jets, moment[0, r:], 1 + r, matrices)
+            fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
             for lane in range(count):
                 for i in range(n):
                     by_parameters[at[lane], s - 1, i] += room.balance[i, lane]
