@@ -53,8 +53,8 @@ def substitute(matrix, order, right):
 def solve_lanes(matrix, right):
     """Solve systems of LANES states at once in place, items (n, n) and (n,); the matrices are lost.
 
-    Without pivots, the last unknown first: so the flexible coordinates come before those of theta, an order in which the
-    engine's iteration matrices have positive pivots.
+    Without pivots, the last unknown first: so the flexible coordinates come before those of theta, an order in which
+    the engine's iteration matrices have positive pivots.
     """
     n = right.size
     for k in range(n - 1, 0, -1):

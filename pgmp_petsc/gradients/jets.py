@@ -5,8 +5,8 @@ one sample, or their derivatives with a parameter, in place of those of all term
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),
 
-and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, one after the other:
-jets of all entries are vectors (n_entries, n_jets, LANES).
+and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, one after the
+other: jets of all entries are vectors (n_entries, n_jets, LANES).
 """
 
 from __future__ import annotations
@@ -35,8 +35,7 @@ from pgmp_petsc.runtime.vectors import (
 )
 
 
-@njit(inline="always")
-def n_jets(r):
+def n_jets(r: int) -> int:
     """Return how many numbers a jet with r coordinates has."""
     return 1 + r + r * (r + 1) // 2
 
@@ -142,7 +141,7 @@ def fill_jets(coefficients, places, rigid, first, n_entries, whole, jets):
 
     `rigid` is a tuple as long as there are coordinates.
     """
-    place, n = load_rows(places, 0, 1, rigid), n_jets(len(rigid))
+    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
     for e in range(first, n_entries):
         if whole:
             store_rows(jets, e * n, _jet_of(coefficients, e, place))
@@ -153,7 +152,7 @@ def fill_jets(coefficients, places, rigid, first, n_entries, whole, jets):
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_rigid_jets(coefficients, places, rigid, n_entries, whole, jets):
     """Fill the jets of the first entries with those of the rigid inertia; see `fill_jets`."""
-    place, n = load_rows(places, 0, 1, rigid), n_jets(len(rigid))
+    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
     for e in range(n_entries):
         if whole:
             store_rows(jets, e * n, _rigid_jet_of(coefficients, e, place))

@@ -167,9 +167,9 @@ def _room(layout: Layout, n_loads: int) -> _Room:
     r, n, n_rows, of_loads = len(layout.rigid), layout.n_eta, n_jets(len(layout.rigid)), layout.load_end
     m = n - r
     shapes = {
-        "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,), "load_jets": (of_loads, n_rows),
-        "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,), "mass": (n_rows, n, n),
-        "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m), "swept": (r, m),
+        "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,),
+        "load_jets": (of_loads, n_rows), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
+        "mass": (n_rows, n, n), "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m), "swept": (r, m),
     }  # fmt: skip
     square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
@@ -211,7 +211,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     turns, cells, places = located
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
-    n_rigid, n_rows, n_t = r * (r + 1) // 2, n_jets(r), turns.size
+    n_rigid, n_rows, n_t = r * (r + 1) // 2, room.jets.shape[1], turns.size
     of_rigid = np.empty((n_sets, n_rigid * N_POWERS_OF_RIGID**r))
     of_terms = np.empty((n_sets, layout.end * N_POWERS**r))
     at = np.empty(LANES, dtype=np.int64)
