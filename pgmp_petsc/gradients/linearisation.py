@@ -169,7 +169,8 @@ def _room(layout: Layout, n_loads: int) -> _Room:
     shapes = {
         "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,),
         "load_jets": (of_loads, n_rows), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
-        "mass": (n_rows, n, n), "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m), "swept": (r, m),
+        "mass": (n_rows, n, n), "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m),
+        "swept": (r, m),
     }  # fmt: skip
     square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
