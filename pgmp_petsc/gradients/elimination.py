@@ -47,3 +47,25 @@ def substitute(matrix, order, right):
         for j in range(i + 1, n):
             right[i] -= matrix[i, j] * right[j]
         right[i] /= matrix[i, i]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def solve_lanes(matrix, right):
+    """Solve systems of LANES states at once in place, items (n, n) and (n,); the matrices are lost.
+
+    Without pivots, the last unknown first: so the flexible coordinates come before those of theta, an order in which
+    the engine's iteration matrices have positive pivots.
+    """
+    n = right.size
+    for k in range(n - 1, 0, -1):
+        inverse = 1.0 / matrix[k, k]
+        for i in range(k):
+            factor = matrix[i, k] * inverse
+            right[i] -= factor * right[k]
+            for j in range(k):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(n):
+        total = right[k]
+        for j in range(k):
+            total -= matrix[k, j] * right[j]
+        right[k] = total / matrix[k, k]

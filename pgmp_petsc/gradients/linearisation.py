@@ -5,24 +5,28 @@ At every instant, with r the residual of the equations of motion, local effects 
     by_q, by_v, by_a = d r/d eta, d r/d eta', d r/d eta'',     by_parameters = d r/d p_j at a fixed state.
 
 All of them are exact derivatives of what is interpolated but for the second derivatives of local effects' measures.
+The run is known, so that its instants need no order: those in the same cell of the tables are taken together, LANES of
+them at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.gradients.elimination import factorise, hold, substitute
-from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
-from pgmp_petsc.gradients.lagrangian import fill_balance, fill_tangents, room, take_up
+from pgmp_petsc.dynamics.reduced_arrays import Layout
+from pgmp_petsc.gradients.elimination import solve_lanes
+from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
+from pgmp_petsc.gradients.lagrangian import fill_columns, fill_matrices, fill_residual, fill_tangents, take_up
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import N_POWERS, N_POWERS_OF_RIGID
+from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
+from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,7 @@ class Linearisation:
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._local = LocalDerivatives(model, values, names)
         self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
+        self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None, with_time: bool = False) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
@@ -82,6 +87,9 @@ class Linearisation:
         if with_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
+        cells, places = np.empty(n_t, dtype=np.int64), np.empty((n_t, len(self._terms.layout.rigid)))
+        own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
+        _locate(self._terms.grid, own[0], cells, places)
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)),
             np.zeros((n_t, len(weights) - 1, n)),
@@ -90,9 +98,9 @@ class Linearisation:
         self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
-            self._terms.layout, self._terms.grid, self._terms.polynomials, weights, np.ascontiguousarray(loads),
+            self._terms.layout, self._terms.polynomials, weights, np.ascontiguousarray(loads),
             0.0 if damping is None else damping.mass, self._prescribed, gains,
-            tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a)),
+            (np.argsort(cells, kind="stable"), cells, places), own, self._local.present, self._room,
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
         return result
@@ -113,8 +121,72 @@ def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: 
     return np.array(rows, dtype=float).reshape(1 + len(names), len(monomials))
 
 
+class _Room(NamedTuple):
+    """What the work on LANES instants takes place in, arrays of vectors (..., LANES).
+
+    Attributes
+    ----------
+    place
+        In the cell, (n_theta,), rad.
+    jets, loads, load_jets
+        Of the tables (layout.end, n_jets), coefficients of the loads (layout.load_end * n_powers**n_theta,), and their
+        jets (layout.load_end, n_jets).
+    amplitudes
+        Weights of the load terms (n_load_terms,).
+    state, moment
+        Coordinates, velocities and accelerations (3, n_eta); see `lagrangian.take_up`.
+    balance
+        A residual, (n_eta,).
+    by_q, by_v, by_a, matrix
+        Derivatives, and those within a step, (n_eta, n_eta).
+    mass, lean, linear, bent, swept
+        See `lagrangian.fill_matrices` and `lagrangian.fill_residual`.
+    """
+
+    place: np.ndarray
+    jets: np.ndarray
+    loads: np.ndarray
+    load_jets: np.ndarray
+    amplitudes: np.ndarray
+    state: np.ndarray
+    moment: np.ndarray
+    balance: np.ndarray
+    by_q: np.ndarray
+    by_v: np.ndarray
+    by_a: np.ndarray
+    matrix: np.ndarray
+    mass: np.ndarray
+    lean: np.ndarray
+    linear: np.ndarray
+    bent: np.ndarray
+    swept: np.ndarray
+
+
+def _room(layout: Layout, n_loads: int) -> _Room:
+    """Return room for tables of a layout and a number of load terms."""
+    r, n, n_rows, of_loads = len(layout.rigid), layout.n_eta, n_jets(len(layout.rigid)), layout.load_end
+    m = n - r
+    shapes = {
+        "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,),
+        "load_jets": (of_loads, n_rows), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
+        "mass": (n_rows, n, n), "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m),
+        "swept": (r, m),
+    }  # fmt: skip
+    square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
+    room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
+    room.load_jets[:] = 0.0  # where there are no loads
+    return room
+
+
 @njit(cache=True, entry=True, error_model="numpy")
-def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, gains, states, result):
+def _locate(grid, q, cells, places):
+    """Fill the numbers of the cells of coordinates (n_t, n_eta), (n_t,), and the places there (n_t, n_theta)."""
+    for t in range(cells.size):
+        cells[t] = cell_of(q[t], grid, places[t])
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, located, states, local, room, result):
     """Add the derivatives at all instants to those of local effects.
 
     Parameters
@@ -126,80 +198,107 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, g
         Whether a coordinate's motion is given, shape (n_theta,).
     gains
         ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
+    located
+        Instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
     states
         Coordinates, velocities and accelerations, (n_t, n_eta) each.
+    local
+        Whether there are local effects.
+    room
+        See `_Room`.
     result
         See `Linearised`; the residual is that before a correction.
     """
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
+    turns, cells, places = located
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
-    n_rigid, n_rows = r * (r + 1) // 2, n_jets(r)
-    n_c, n_c_rigid = N_POWERS**r, N_POWERS_OF_RIGID**r
-    of_rigid, of_terms = np.empty((n_sets, n_c_rigid, n_rigid)), np.empty((n_sets, n_c, layout.end))
-    of_loads = np.zeros((n_c, layout.load_end))
-    place, last = np.empty(r), -1
-    basis, basis_of_rigid = np.empty((n_rows, n_c)), np.empty((n_rows, n_c_rigid))
-    jet, rigid_jet = np.empty((n_rows, layout.end)), np.empty((n_rows, n_rigid))
-    load_jet = np.zeros((n_rows, layout.load_end))
-    slopes = np.empty((r, layout.end)), np.empty((r, layout.load_end))
-    work, moment, balance = room(layout), np.empty((4, n)), np.empty(n)
-    by_q, by_v, by_a = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    matrix, order, factorised = np.empty((n, n)), np.empty(n, dtype=np.int64), False
-    q, v, a = np.empty(n), np.empty(n), np.empty(n)
-    correcting = gains[1] > 0.0
-    for t in range(states[0].shape[0]):
-        for i in range(n):
-            q[i], v[i], a[i] = states[0][t, i], states[1][t, i], states[2][t, i]
-        cell = cell_of(q, grid, place)
+    n_rigid, n_rows, n_t = r * (r + 1) // 2, room.jets.shape[1], turns.size
+    of_rigid = np.empty((n_sets, n_rigid * N_POWERS_OF_RIGID**r))
+    of_terms = np.empty((n_sets, layout.end * N_POWERS**r))
+    at = np.empty(LANES, dtype=np.int64)
+    jets, load_jets = items(room.jets, WIDE), items(room.load_jets, WIDE)
+    of_loads, amplitudes = items(room.loads, WIDE), items(room.amplitudes, WIDE)
+    state, moment, swept = items(room.state, WIDE), items(room.moment, WIDE), items(room.swept, WIDE)
+    balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
+    by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
+    matrices = items(room.mass, WIDE), items(room.lean, WIDE), items(room.linear, WIDE), items(room.bent, WIDE)
+    loaded, first, last = loads.shape[2] > 0, 0, -1
+    while first < n_t:
+        cell, count = cells[turns[first]], 1
+        while count < LANES and first + count < n_t and cells[turns[first + count]] == cell:
+            count += 1
         if cell != last:
             for s in range(n_sets):
                 weigh(tables.rigid[cell], weights[s], of_rigid[s])
                 weigh(tables.terms[cell], weights[s], of_terms[s])
             last = cell
-        fill_basis(place, N_POWERS, basis)
-        fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
-        fill_jet(basis, of_terms[0], n_rows, jet)
-        fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
-        jet[:, :n_rigid] = rigid_jet
-        if loads.shape[2] > 0:
-            weigh(tables.loads[cell], loads[t, 0], of_loads)
-            fill_jet(basis, of_loads, n_rows, load_jet)
-        take_up(layout, q, v, a, mass_damping, moment)
-        fill_balance(layout, jet, load_jet, moment, work, balance)
-        for i in range(n):
-            residual[t, i] += balance[i]
-        # what is to be taken away is so small that the matrix of the step before will do, and the same tables
-        for _ in range(2 if correcting and not factorised else 1):
-            if factorised:
-                balance[:] = residual[t]
-                for k in range(r):
-                    if prescribed[k]:
-                        balance[k] = 0.0
-                substitute(matrix, order, balance)
+        for lane in range(LANES):
+            # lanes that are left have the last instant again
+            t = at[lane] = turns[first + min(lane, count - 1)]
+            for k in range(r):
+                room.place[k, lane] = places[t, k]
+            for part in range(3):
                 for i in range(n):
-                    q[i], v[i], a[i] = q[i] - balance[i], v[i] - gains[0] * balance[i], a[i] - gains[1] * balance[i]
-                take_up(layout, q, v, a, mass_damping, moment)
-            fill_tangents(layout, jet, load_jet, moment, mass_damping, work, slopes, balance, by_q, by_v, by_a)
-            if correcting:
-                for i in range(n):
-                    for j in range(n):
-                        of_step = gains[0] * (by_v[i, j] + all_by_v[t, i, j]) + gains[1] * by_a[i, j]
-                        matrix[i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
-                hold(prescribed, matrix, balance)
-                factorise(matrix, order)
-                factorised = True
-        for i in range(n):
-            for j in range(n):
-                all_by_q[t, i, j] += by_q[i, j]
-                all_by_v[t, i, j] += by_v[i, j]
-                all_by_a[t, i, j] += by_a[i, j]
-        for s in range(1, n_sets):
-            fill_jet(basis, of_terms[s], 1 + r, jet)
-            fill_jet(basis_of_rigid, of_rigid[s], 1 + r, rigid_jet)
-            jet[:, :n_rigid] = rigid_jet
-            if loads.shape[2] > 0:
-                weigh(tables.loads[cell], loads[t, s], of_loads)
-                fill_jet(basis, of_loads, 1 + r, load_jet)
-            fill_balance(layout, jet, load_jet, moment, work, balance)
+                    room.state[part, i, lane] = states[part][t, i]
+        fill_jets(of_terms[0], room.place, layout.rigid, n_rigid, layout.end, True, room.jets)
+        fill_rigid_jets(of_rigid[0], room.place, layout.rigid, n_rigid, True, room.jets)
+        if loaded:
+            for lane in range(LANES):
+                for l in range(loads.shape[2]):
+                    room.amplitudes[l, lane] = loads[at[lane], 0, l]
+            weigh(tables.loads[cell], amplitudes, of_loads)
+            fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
+        take_up(layout, state[0], state[1], state[2], mass_damping, moment)
+        fill_matrices(layout, jets, load_jets, moment[0, r:], n_rows, matrices)
+        fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
+        for lane in range(count):
             for i in range(n):
-                by_parameters[t, s - 1, i] += balance[i]
+                residual[at[lane], i] += room.balance[i, lane]
+        if gains[1] > 0.0:
+            # what is to be taken away is so small that the tables stay as they are, and what deformations make of them,
+            # and that a matrix without second derivatives of tables will do
+            fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
+            for i in range(n):
+                for j in range(n):
+                    matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gains[1] * by_a[i, j]
+            for lane in range(LANES):
+                for i in range(n):
+                    room.balance[i, lane] = residual[at[lane], i]
+                    if local:
+                        for j in range(n):
+                            room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
+            for k in range(r):
+                if prescribed[k]:
+                    for j in range(n):
+                        matrix[k, j] = spread(1.0 if j == k else 0.0)
+                    balance[k] = spread(0.0)
+            solve_lanes(matrix, balance)
+            for i in range(n):
+                state[0, i] -= balance[i]
+                state[1, i] -= gains[0] * balance[i]
+                state[2, i] -= gains[1] * balance[i]
+            take_up(layout, state[0], state[1], state[2], mass_damping, moment)
+        fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
+        fill_columns(layout, jets, load_jets, matrices, moment, swept, balance, by_q)
+        for lane in range(count):
+            t = at[lane]
+            for i in range(n):
+                for j in range(n):
+                    all_by_q[t, i, j] += room.by_q[i, j, lane]
+                    all_by_v[t, i, j] += room.by_v[i, j, lane]
+                    all_by_a[t, i, j] += room.by_a[i, j, lane]
+        for s in range(1, n_sets):
+            fill_jets(of_terms[s], room.place, layout.rigid, n_rigid, layout.end, False, room.jets)
+            fill_rigid_jets(of_rigid[s], room.place, layout.rigid, n_rigid, False, room.jets)
+            if loaded:
+                for lane in range(LANES):
+                    for l in range(loads.shape[2]):
+                        room.amplitudes[l, lane] = loads[at[lane], s, l]
+                weigh(tables.loads[cell], amplitudes, of_loads)
+                fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
+            fill_matrices(layout, jets, load_jets, moment[0, r:], 1 + r, matrices)
+            fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
+            for lane in range(count):
+                for i in range(n):
+                    by_parameters[at[lane], s - 1, i] += room.balance[i, lane]
+        first += count

@@ -28,7 +28,7 @@ from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
-from pgmp_petsc.runtime.vectors import LANES, load, same_in_all_lanes, store
+from pgmp_petsc.runtime.vectors import LANES, add, load, same_in_all_lanes, spread, store
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
 ALONG_LENGTH = 1e-3  # of half the range of a length: truncation leaves 1e-12 of it, rounding 1e-13
@@ -94,6 +94,11 @@ class LocalDerivatives:
                 for k, quantity in enumerate(own):
                     table[k] = quantity.coefficient * quantity.monomial.derivative(name, values)
 
+    @property
+    def present(self) -> bool:
+        """Whether there are local effects."""
+        return bool(self._actions)
+
     def add(
         self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
         residual: np.ndarray,
@@ -110,14 +115,10 @@ class LocalDerivatives:
         across = np.swapaxes(gradient, 1, 2)
         by_q += np.matmul(across * stiffness[:, None], gradient)
         by_v += np.matmul(across * damping[:, None], gradient)
-        for j, step in enumerate(DIFFERENCE / self._terms.scale):
-            ahead = states.q.copy()
-            ahead[:, j] += step
-            bent = (
-                self._measured(times, ahead, states.v, self._weights)[0] - gradient
-            ) / step  # column j of H, (n_t, n_actions, n_eta)
-            turned = np.matmul(bent, states.v[:, :, None])[:, :, 0]
-            by_q[:, :, j] += _summed(damping * turned, gradient) - _summed(force, bent)
+        _bend(
+            self._local, self._weights, self._terms.grid, DIFFERENCE / self._terms.scale,
+            np.ascontiguousarray(states.q), np.ascontiguousarray(states.v), measured, by_q,
+        )  # fmt: skip
         for number, beside in self._beside.items():
             for factor, weights in beside:
                 at, found = self._measured(times, states.q, states.v, weights)
@@ -202,6 +203,43 @@ def parameter_slopes(
     return np.array([force / p[0], by_damping, stiffness, nothing])
 
 
+@njit(error_model="numpy", forceinline=True)
+def _places_kept(local, weights):
+    """Return room for the polynomials of places, of no cell yet."""
+    places = local.places
+    kept = KeptPlaces(
+        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.shape[2], LANES),
+        empty_lanes(places.shapes.shape[2], LANES),
+    )  # fmt: skip
+    kept.cells[:] = -1.0
+    return kept
+
+
+@njit(error_model="numpy", forceinline=True)
+def _take(q, first, of_q):
+    """Take the rows (n_t, n_eta) of LANES instants from one on; where there are none left, the last one again."""
+    for lane in range(LANES):
+        t = min(first + lane, q.shape[0] - 1)
+        for i in range(q.shape[1]):
+            of_q[i, lane] = q[t, i]
+
+
+@njit(error_model="numpy", counted=False)
+def _project(local, action, n_angles, of_q, of_v, work):
+    """Return the measure of an action, and fill its gradient and rate, with nodes placed."""
+    places, statements = local.places, local.actions.statements
+    attach(places, statements, action, work)
+    turned = load(work.frames.rigid, work.frames.rigid.shape[0] - places.sides.shape[0] + action)
+    for k in range(n_angles):
+        turned += places.winding[action, k] * load(of_q, k)
+    s = evaluate(
+        statements.kinds[action], statements.axes[action], items(work.z, WIDE), turned, False,
+        items(work.gradient, WIDE), items(work.hessian, WIDE), items(work.spare, WIDE),
+    )  # fmt: skip
+    project(of_v, work)
+    return s
+
+
 @njit(cache=True, entry=True, error_model="numpy")
 def _measure(local, weights, grid, strengths, q, v, gradients, measured):
     """Measure all actions in states (n_t, n_eta), LANES of them at once.
@@ -211,31 +249,14 @@ def _measure(local, weights, grid, strengths, q, v, gradients, measured):
     places, actions = local.places, local.actions
     n_t, n = q.shape
     d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
-    work = allocate_local(local, r, n)
-    kept = KeptPlaces(
-        empty_lanes(2, LANES), weights, empty_lanes(places.rigid.shape[2], LANES),
-        empty_lanes(places.shapes.shape[2], LANES),
-    )  # fmt: skip
-    kept.cells[:] = -1.0
+    work, kept = allocate_local(local, r, n), _places_kept(local, weights)
     of_q, of_v = empty_lanes(n, LANES), empty_lanes(n, LANES)
-    first_angle = work.frames.rigid.shape[0] - n_actions
     for first in range(0, n_t, LANES):
-        for lane in range(LANES):
-            t = min(first + lane, n_t - 1)
-            for i in range(n):
-                of_q[i, lane], of_v[i, lane] = q[t, i], v[t, i]
+        _take(q, first, of_q)
+        _take(v, first, of_v)
         place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
-            attach(places, actions.statements, action, work)
-            turned = load(work.frames.rigid, first_angle + action)
-            for k in range(r):
-                turned += places.winding[action, k] * load(of_q, k)
-            s = evaluate(
-                actions.statements.kinds[action], actions.statements.axes[action], items(work.z, WIDE), turned,
-                False, items(work.gradient, WIDE), items(work.hessian, WIDE), items(work.spare, WIDE),
-            )  # fmt: skip
-            project(of_v, work)
-            store(work.measured, MEASURE, s)
+            store(work.measured, MEASURE, _project(local, action, r, of_q, of_v, work))
             for lane in range(min(LANES, n_t - first)):
                 t, p = first + lane, actions.parameters[action, 0]
                 place, rate = work.measured[MEASURE, lane], work.measured[RATE, lane]
@@ -246,3 +267,50 @@ def _measure(local, weights, grid, strengths, q, v, gradients, measured):
                 found[DEPTH] = depth(actions.laws[action], p, place)
                 for i in range(n):
                     gradients[t, action, i] = work.projected[i, lane]
+
+
+@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
+def _bend(local, weights, grid, steps, q, v, measured, by_q):
+    """Add ``c g (H eta')^T - F H`` to `by_q` (n_t, n_eta, n_eta), with differences over steps (n_eta,) for H.
+
+    Parameters as of `_measure`, which has filled `measured`. A tile of states is bent along all coordinates before the
+    next one: so the polynomials of its cells serve for all.
+    """
+    places = local.places
+    n_t, n = q.shape
+    d, n_actions, r = local.actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
+    work, kept = allocate_local(local, r, n), _places_kept(local, weights)
+    of_q, of_v, total = empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES)
+    straight, laws = empty_lanes(n_actions * n, LANES), empty_lanes(2 * n_actions, LANES)
+    for first in range(0, n_t, LANES):
+        _take(q, first, of_q)
+        _take(v, first, of_v)
+        for action in range(n_actions):
+            for lane in range(LANES):
+                t = min(first + lane, n_t - 1)
+                laws[2 * action, lane] = measured[t, action, FORCE]
+                laws[2 * action + 1, lane] = measured[t, action, DAMPING]
+        place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
+        for action in range(n_actions):
+            _project(local, action, r, of_q, of_v, work)
+            for i in range(n):
+                store(straight, action * n + i, load(work.projected, i))
+        for j in range(n):
+            here, inverse = load(of_q, j), 1.0 / steps[j]
+            store(of_q, j, here + steps[j])
+            place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
+            for i in range(n):
+                store(total, i, 0.0)
+            for action in range(n_actions):
+                _project(local, action, r, of_q, of_v, work)
+                turned, force, damping = spread(0.0), load(laws, 2 * action), load(laws, 2 * action + 1)
+                for i in range(n):
+                    bent = (load(work.projected, i) - load(straight, action * n + i)) * inverse
+                    turned += bent * load(of_v, i)
+                    add(total, i, -(force * bent))
+                for i in range(n):
+                    add(total, i, damping * turned * load(straight, action * n + i))
+            store(of_q, j, here)
+            for lane in range(min(LANES, n_t - first)):
+                for i in range(n):
+                    by_q[first + lane, i, j] += total[i, lane]

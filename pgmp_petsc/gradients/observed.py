@@ -21,7 +21,7 @@ from pgmp_petsc.models import LengthLanes, ReducedModel
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 DIFFERENCE = 1e-4
-Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Along = Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]
 OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 
 
@@ -64,8 +64,9 @@ class ObservedChanges:
         # what is multiplied by the parameter itself must not be taken far from its value
         of_stresses = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
         total: dict[str, np.ndarray] = {}
+        frames_at = along(changes)
         for share in (-1.0, 1.0):
-            frames, moved = along(changes, share * steps), share * of_stresses
+            frames, moved = frames_at(share * steps), share * of_stresses
             stresses = np.empty((0, len(eta)))
             if model.stresses is not None:
                 stresses = model.stresses.of(eta + moved[:, None] * changes, self._values | {name: value + moved})

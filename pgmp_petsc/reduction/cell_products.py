@@ -15,8 +15,10 @@ from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, load, store
 
 
-def products_of(theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return factors (k, n_in) times interpolated matrices, shape (k, n_out).
+def products_of(
+    theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, vectors: np.ndarray, derivative: int = -1
+) -> np.ndarray:
+    """Return factors (k, n_in) times interpolated matrices, or a derivative of these, shape (k, n_out).
 
     Parameters
     ----------
@@ -26,6 +28,8 @@ def products_of(theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, ve
         Grid of every coordinate and rows of the table, shape (n_rows, n_in, n_out).
     vectors
         The first factors, shape (k, m); where there are more, they are `pair_products` of these.
+    derivative
+        Number of the coordinate that the matrices are differentiated with, -1 for the matrices themselves.
     """
     (_, n_in, n_out), cells = table.shape, np.empty(len(theta), dtype=np.int64)
     result = np.empty((len(theta), n_out))
@@ -33,7 +37,7 @@ def products_of(theta: np.ndarray, axes: tuple[Axis, ...], table: np.ndarray, ve
     # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
     order = np.argsort(cells.astype(np.uint16), kind="stable")
     work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
-    _fill_products(theta, axes, table, vectors, cells, order, work, result)
+    _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result)
     return result
 
 
@@ -77,7 +81,7 @@ def _fill_cells(theta, axes, cells):
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_products(theta, axes, table, vectors, cells, order, work, result):
+def _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result):
     """Fill the products of `products_of`; `order` puts equal cells (k,) side by side.
 
     A product is the same to the last bit whatever is computed beside it. `work` has room for the weights of rows, those
@@ -85,11 +89,11 @@ def _fill_products(theta, axes, table, vectors, cells, order, work, result):
     """
     n_rows = N_ROWS ** len(axes)
     room = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
-    _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result)
+    _fill_from_cells(theta, axes, table, vectors, derivative, cells, order, room, work, result)
 
 
 @njit(error_model="numpy", counted=False)
-def _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, result):
+def _fill_from_cells(theta, axes, table, vectors, derivative, cells, order, room, work, result):
     """Fill the products cell by cell; see `_fill_products`. `room` is that of `tensor_stencil`."""
     (one_axis, rows, weights), (of_rows, along, factors, products) = room, work
     first, n_in, m = 0, table.shape[1], vectors.shape[1]
@@ -98,8 +102,14 @@ def _fill_from_cells(theta, axes, table, vectors, cells, order, room, work, resu
         while behind < min(first + LANES, order.size) and cells[order[behind]] == cells[order[first]]:
             behind += 1
         together = order[first:behind]
-        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, weights)
-        _fill_weights(theta, axes, together, along, of_rows)
+        if derivative < 0:
+            tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, weights)
+            _fill_weights(theta, axes, together, along, of_rows)
+        else:
+            for lane in range(together.size):
+                tensor_stencil(theta[together[lane]], axes, derivative, one_axis, rows, weights)
+                for r in range(rows.size):
+                    of_rows[r, lane] = weights[r]
         for lane in range(together.size):
             for i in range(m):
                 factors[i, lane] = vectors[together[lane], i]

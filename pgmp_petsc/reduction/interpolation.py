@@ -92,13 +92,14 @@ class Interpolant:
         """Return the derivative with one of the coordinates, shape (k, ...)."""
         return self._sum(theta, coordinate)
 
-    def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    def product(self, theta: np.ndarray, vectors: np.ndarray, derivative: int = -1) -> np.ndarray:
         """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
 
-        The factors are the vectors (k, m) and, where there are more, `pair_products` of these behind them.
+        In place of the values are, if asked for, their derivatives with the coordinate of a number. The factors are
+        the vectors (k, m) and, where there are more, `pair_products` of these behind them.
         """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
-        return products_of(self._points(theta), self.axes, table, _contiguous(vectors))
+        return products_of(self._points(theta), self.axes, table, _contiguous(vectors), derivative)
 
     def _sum(self, theta: np.ndarray, derivative: int) -> np.ndarray:
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)

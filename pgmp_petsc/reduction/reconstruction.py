@@ -16,7 +16,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.second_order import pair_changes, pair_products
+from pgmp_petsc.reduction.second_order import pair_changes
 from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64
@@ -105,26 +105,25 @@ class Reconstruction:
         """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
         return self._displacements(eta).reshape(len(eta), self._nodes.size, self._space.n_dofs)
 
-    def along(self, eta: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    def along(self, eta: np.ndarray) -> Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]:
         """Return what gives the frames of `frames` on lines through eta (n, n_eta), straight in displacements.
 
-        It takes directions (n, n_eta) and how far to go along them (n,). Displacements in body frames change by their
-        exact derivative along the direction, so that no cell of the tables is left.
+        It takes directions (n, n_eta), and what it returns for these how far to go along them (n,). Displacements in
+        body frames change by their exact derivative along the direction, so that no cell of the tables is left.
         """
         n_theta, local = self._kinematics.n_coordinates, self._displacements(eta)
         theta, delta = eta[:, :n_theta], np.ascontiguousarray(eta[:, n_theta:])
-        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        slopes = [np.einsum("nio,ni->no", self._shapes.slope(theta, k), factors) for k in range(n_theta)]
+        slopes = [self._shapes.product(theta, delta, k) for k in range(n_theta)]
 
-        def frames(direction: np.ndarray, far: np.ndarray) -> np.ndarray:
+        def line(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
             bending = direction[:, n_theta:]
             changes = np.hstack([bending, pair_changes(delta, bending)]) if self._curved else bending
             rates = self._shapes.product(theta, np.ascontiguousarray(changes))
             for k, slope in enumerate(slopes):
                 rates += direction[:, k, None] * slope
-            return self._frames(eta + far[:, None] * direction, local + far[:, None] * rates)
+            return lambda far: self._frames(eta + far[:, None] * direction, local + far[:, None] * rates)
 
-        return frames
+        return line
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates

@@ -73,7 +73,7 @@ class _VectorModel(models.PrimitiveModel):
         super().__init__(manager, of, DOUBLES)
 
 
-def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
+def spread_number(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
     """Return a vector with the same number in every lane."""
     undefined = ir.Constant(DOUBLES, ir.Undefined)
     one = builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
@@ -84,7 +84,7 @@ def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
 def _widen(
     context: Any, builder: ir.IRBuilder, from_type: types.Type, to_type: types.Type, number: ir.Value
 ) -> ir.Value:
-    return _spread(builder, number)
+    return spread_number(builder, number)
 
 
 def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:
@@ -92,8 +92,8 @@ def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:
 
     def lowered(first: bool, second: bool) -> Callable:
         def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            left = args[0] if first else _spread(builder, args[0])
-            right = args[1] if second else _spread(builder, args[1])
+            left = args[0] if first else spread_number(builder, args[0])
+            right = args[1] if second else spread_number(builder, args[1])
             return getattr(builder, instruction)(left, right)
 
         return build
@@ -155,7 +155,7 @@ def store(typing, array, row, x):
     """Put a vector into a row; a number goes to all lanes."""
 
     def build(context, builder, sig, args):
-        x = args[2] if sig.args[2] is vector else _spread(builder, args[2])
+        x = args[2] if sig.args[2] is vector else spread_number(builder, args[2])
         builder.store(x, row_of(context, builder, sig.args[0], *args[:2]), align=CACHE_LINE)
         return context.get_dummy_value()
 
@@ -171,7 +171,7 @@ def add(array, row, x):
 @intrinsic
 def spread(typing, x):
     """Return a vector with the same number in every lane."""
-    return vector(types.float64), lambda context, builder, sig, args: _spread(builder, args[0])
+    return vector(types.float64), lambda context, builder, sig, args: spread_number(builder, args[0])
 
 
 def _unary(name: str) -> Callable:

@@ -325,3 +325,6 @@ def test_products_are_of_the_values(scheme: str, periodic: bool) -> None:
     tolerance = 1e-13 * (1.0 + np.abs(expected).max())
     np.testing.assert_allclose(found.product(theta, factors), expected, rtol=0, atol=tolerance)
     np.testing.assert_array_equal(found.product(theta, vectors), found.product(theta, factors))
+    expected = np.einsum("ki,kij->kj", factors, found.slope(theta))
+    tolerance = 1e-13 * (1.0 + np.abs(expected).max())
+    np.testing.assert_allclose(found.product(theta, vectors, 0), expected, rtol=0, atol=tolerance)

@@ -121,6 +121,22 @@ def test_derivatives_with_parameters_are_those_of_the_engine_s_residual(model: R
         assert np.abs(expected).max() > 0.0
 
 
+def test_an_instant_is_linearised_alone_as_among_others(model: ReducedModel) -> None:
+    """To the last bit: whatever cells the others are in, and with one parameter or all."""
+    times, states = somewhere(model)
+    turns = np.array([0, 1, 1, 2, 0, 1, 1, 1, 1, 1, 1, 1, 1, 2])  # more of one cell than there are lanes
+    many = State(states.q[turns], states.v[turns], states.a[turns], states.multipliers)
+    many.q[:, -1] *= np.linspace(1.0, 2.0, turns.size)
+    names, scheme = list(model.scene.parameters), Scheme.of(0.8, 1e-3)
+    together = Linearisation(model, model.scene.values, names).at(times[turns], many, scheme)
+    for k in range(turns.size):
+        one = State(many.q[k : k + 1], many.v[k : k + 1], many.a[k : k + 1], many.multipliers)
+        alone = Linearisation(model, model.scene.values, names[-1:]).at(times[turns[k : k + 1]], one, scheme)
+        for part in ("by_q", "by_v", "by_a", "residual"):
+            np.testing.assert_array_equal(getattr(alone, part)[0], getattr(together, part)[k])
+        np.testing.assert_array_equal(alone.by_parameters[0, 0], together.by_parameters[k, -1])
+
+
 def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
     """Loads that set in over a table and a wave, and a force that follows its body, which is none."""
     jet = 'type="force",point="rod:1",direction=[0.0,1.0],follows=true,harmonic={amplitude=4.0,frequency_hz=3.0}'

@@ -107,6 +107,9 @@ def test_samples_are_reproduced_and_products_are_sums() -> None:
     expected = np.einsum("ki,kij->kj", vectors, found(POINTS))
     products = found.product(POINTS, vectors)
     np.testing.assert_allclose(products, expected, rtol=0, atol=1e-13)
+    for k in range(2):
+        slopes = np.einsum("ki,kij->kj", vectors, found.slope(POINTS, k))
+        np.testing.assert_allclose(found.product(POINTS, vectors, k), slopes, rtol=0, atol=1e-13 * np.abs(slopes).max())
     # whatever is beside it, in whichever lane: alone, and with others of its own cell, in another order
     for k in range(len(POINTS)):
         np.testing.assert_array_equal(found.product(POINTS[k : k + 1], vectors[k : k + 1])[0], products[k])
