@@ -32,7 +32,7 @@ def report(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
 def lines_of(found: Derivatives) -> Iterator[str]:
     """Yield the table of effects, the largest first."""
     yield "  what a change of each parameter does, to first order"
-    yield f"  {'':24s}{'':11s}{'value':>14s}  {'':20s}{'change':>14s}  derivative"
+    yield f"  {'':24s}{'':11s}{'value':>14s}{'':7s}{'':20s}{'change':>14s}  derivative"
     for output in found.outputs:
         shown = output
         for figure in found.figures(output):
@@ -48,12 +48,12 @@ def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterat
     effects = found.effects(figure)
     for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
         name = found.parameters[place]
-        value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g}" if k == 0 else " " * 49
+        value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g} {unit:4s}" if k == 0 else " " * 54
         slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
         yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit:4s} {slope}".rstrip()
     if np.count_nonzero(np.diag(found.correlation)) > 1:
         together = found.deviation(figure)
-        yield f"  {'':51s}{'together':20s}{together:14.5g} {unit:4s} standard deviation of all distributions".rstrip()
+        yield f"  {'':56s}{'together':20s}{together:14.5g} {unit:4s} standard deviation of all distributions".rstrip()
 
 
 def _named(unit: str) -> str:

@@ -72,13 +72,13 @@ def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray
     where K itself is not positive definite, as between samples that are too few for their interpolation.
     """
     layout = terms.layout
-    if not layout.second_order:
-        return np.ones(len(q))
     weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
     r = len(layout.rigid)
     entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
     stiffness = unpacked(entries[:, layout.stiffness : layout.cubic])
-    bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
+    bent = np.zeros_like(stiffness)
+    if layout.second_order:
+        bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
     # both scaled to a unit diagonal of K, so that round-off decides on nothing but a singular one
     diagonal = np.einsum("nii->ni", stiffness)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))

@@ -60,7 +60,8 @@ _CURES = {
     "close",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; build with stretching = "
-    '"static" where it is "dynamic", or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo SCENE '
-    "--full), or loads and parameters that bend less",
+    '"static" where it is "dynamic", with more reduction.angles or fewer reduction.modes where the build warned of a '
+    "matrix that is not positive definite, or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo "
+    "SCENE --full), or loads and parameters that bend less",
     Status.NO_EQUILIBRIUM: 'hold the coordinates (initial.coordinates = "held"), or look at the loads at time zero',
 }

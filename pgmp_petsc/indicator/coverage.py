@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -124,7 +125,7 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
             *_condensed_alone(model),
         )
     cure = "pgmp tradeoff measures those of the reduced one and of the step"
-    if any(body.element != "beam2d" for body in scene.bodies.values()):
+    if len(scene.coordinates) > MOST_COORDINATES or any(body.element != "beam2d" for body in scene.bodies.values()):
         cure = "compare with a finer mesh and a smaller simulation.step"
     return (
         note(

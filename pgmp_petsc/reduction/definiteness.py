@@ -60,10 +60,17 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
                 return (
                     f"with {' x '.join(map(str, samples.shape))} angles the interpolated {name} matrix is not positive "
                     f"definite at {', '.join(f'{value:.4g}' for value in theta[worst])} rad{where} (smallest "
-                    f"eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take more "
-                    'reduction.angles, fewer modes, or interpolation = "spline"'
+                    f"eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take "
+                    f"{smoother(scheme)}"
                 )
     return ""
+
+
+def smoother(scheme: str) -> str:
+    """Return what makes interpolated matrices follow the samples more closely than with this interpolation."""
+    if scheme == "spline":
+        return "more reduction.angles or fewer reduction.modes"
+    return 'more reduction.angles, fewer reduction.modes, or reduction.interpolation = "spline"'
 
 
 def _between(samples: Samples, places: Sequence[float]) -> Samples:

@@ -107,7 +107,10 @@ class Placement(Table):
 
     origin: Vector = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
     angle: Angle = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise); in the plane")
-    rotation: Triple | None = Field(None, description="rotation vector: axis times angle (rad); in space")
+    rotation: Triple | None = Field(
+        None,
+        description="rotation vector: axis times angle (rad); in space, where the angles of joints are zero as placed",
+    )
 
     def origin_in(self, dimension: int) -> np.ndarray:
         """Return the origin, shape (dimension,)."""

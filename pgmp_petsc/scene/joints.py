@@ -166,7 +166,10 @@ class Coordinate(Table):
     """A rigid coordinate: the angle of a revolute joint over a range of configurations."""
 
     joint: str = Field(description="name of a revolute joint; its relative rotation is the coordinate")
-    range: Interval = Field(description="first and last angle (rad)")
+    range: Interval = Field(
+        description="first and last angle (rad); zero is where the frames of both bodies point the same way, in space "
+        "where the bodies are as placed"
+    )
     periodic: bool = Field(False, strict=True, description="whether the range closes on itself (it is then 2 pi long)")
 
     @model_validator(mode="after")

@@ -12,6 +12,10 @@ import numpy as np
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -113,6 +117,7 @@ def build(
         On all ranks, whichever rank met it.
     """
     comm = group.world
+    on_root(comm, _check_outputs, scene, meshes)
     sizes, shapes, choice, checkpoint = None, meshes, None, None
     if scene.reduction.effects == "auto":
         shapes = condensed(scene, meshes, group, large=True)
@@ -140,6 +145,12 @@ def build(
             # with a tolerance for the step it is the chosen scene that runs
             rom = _with_remarks(rom, scene if choice is None else choice.scene, meshes)
     return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
+
+
+def _check_outputs(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
+    """Refuse outputs that no run of the model could have, before anything long is done for it."""
+    check_capabilities(scene, Purpose.BUILD, meshes)
+    OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, meshes)))
 
 
 def _price(scene: Scene, resume: bool) -> str:

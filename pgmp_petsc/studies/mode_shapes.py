@@ -21,6 +21,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import mesh_displacements, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
+from pgmp_petsc.reduction.definiteness import smoother
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.mode_shape import ModeShape
@@ -113,8 +114,8 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     except LinAlgError as error:
         place = ", ".join(f"{c.name} = {angle:g}" for c, angle in zip(model.kinematics.coordinates, theta))
         raise InputError(
-            f"--at {place}: the interpolated mass matrix is not positive definite there; build with more "
-            'reduction.angles, fewer modes, or interpolation = "spline", or take a sampled angle'
+            f"--at {place}: the interpolated mass matrix is not positive definite there; build with "
+            f"{smoother(scheme)}, or take a sampled angle"
         ) from error
     return np.sqrt(np.maximum(values[free.size :], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, free.size :]
 

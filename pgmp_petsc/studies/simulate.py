@@ -29,6 +29,7 @@ from pgmp_petsc.indicator.starting_jump import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.definiteness import smoother
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -344,14 +345,16 @@ def _why_stopped(model: FullModel | ReducedModel, part: _Part, reason: str) -> l
 
 
 def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:
-    """Return since when the stiffness of a model of second order was indefinite at the end; empty where it was not."""
+    """Return since when the stiffness was indefinite before the end, and why; empty where it was not."""
     looked_at = slice(-LOOK_BACK, None)
     share = least_stiffness(model.terms, values, eta[looked_at])
-    if np.isnan(share[-1]):
-        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, eta[-1]))
+    unsound = np.isnan(share)
+    if unsound.any():
+        first = eta[looked_at][np.argmax(unsound)]
+        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, first))
         return (
             f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
-            'with more reduction.angles, fewer reduction.modes, or reduction.interpolation = "spline"'
+            f"with {smoother(model.scene.reduction.interpolation)}"
         )
     lost = share <= 0.0
     if not lost[-1]:

@@ -265,6 +265,10 @@ CASES = {
     ),
     # mechanisms
     "too short a rod": check(*SHORT_ROD, words=("cannot close at theta = ", "joints.")),
+    "an output nowhere, build": build(
+        'outputs.x={{type="position", point="rod:nowhere", axis="x"}}',
+        words=('outputs.x.point = "nowhere"', "no point of this name"),
+    ),
     "too short a rod, build": build(*SHORT_ROD, words=("cannot close at theta = ", "joints.")),
     "no freedom": check(
         "ground.points.pin=[0.3, 0.0]",

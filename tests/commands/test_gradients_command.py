@@ -110,6 +110,8 @@ def test_sensitivities_are_in_file_terminal_and_picture(made: Callable) -> None:
     assert found.changes["r1"][0] == pytest.approx(0.56e-3, rel=1e-9)
     assert found.unit("crank_angle", "r1") == "rad/m"
     assert "what a change of each parameter does" in said and "one standard deviation" in said
+    first = next(line.split() for line in said.splitlines() if "at the end" in line)
+    assert first[4] == f"{found.outputs['crank_angle'][-1]:.6g}" and first[5] == first[8] == "rad"
     with h5py.File(folder / "sensitivities.h5") as file:
         largest = file["extremes/crank_angle/max_derivatives"][()]
         at = np.argmax(file["outputs/crank_angle"])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.plausibility.bodies import bending_excess
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "scenes" / "slider_crank.toml"
@@ -20,6 +22,10 @@ DRIVEN = ROOT / "scenes" / "spinning_beam.toml"
 R1 = "parameters.r1.distribution"
 STOP = 'effects.stop={type="end_stop", joint="crank_hinge", stiffness=100.0, '
 Q = "parameters.q={nominal=0.1, distribution="
+ROD = (
+    'bodies.rod={{line={{length=0.7, elements={}}}, element="beam2d", material="steel", '
+    'section={{shape="circle", radius=5.6e-3}}}}'
+)
 
 #: Overrides of a scene, the entry that is named, and words of the reason; each is refused.
 REFUSED = {
@@ -96,8 +102,9 @@ WARNED = {
         "parameters.r1.nominal",
                           "0.6 m thick and 0.3 m long"),
     "thick plate": (SOLID, ["bodies.rod.thickness=10.0"], "bodies.rod.thickness", "thicker than its length"),
-    "9,999 elements": (SCENE, ['bodies.rod={line={length=0.7, elements=1001}, element="beam2d", material="steel", '
-                               'section={shape="circle", radius=5.6e-3}}'], "bodies.rod.line.elements", "digits"),
+    "1,001 elements": (SCENE, [ROD.format(1001)], "bodies.rod.line.elements", "digits"),
+    "one element": (SCENE, [ROD.format(1)], "bodies.rod.line.elements", "does not bend between hinged ends"),
+    "two elements": (SCENE, [ROD.format(2)], "bodies.rod.line.elements", "frequency is 40 % too high"),
     "radii out of bounds": (SCENE, [R1 + ".scale=0.1"], "parameters.r1.bounds", "% of its distribution lies beyond"),
     "radii below zero": (SCENE, ["parameters.r1={nominal=5.6e-3, distribution={name='norm', loc=5.6e-3, scale=5e-3}}"],
                          "parameters.r1.distribution", "below 0"),
@@ -173,6 +180,22 @@ WARNED = {
     "large tables": (SCENE, ["reduction.angles=100000", "reduction.modes=29", "reduction.second_order=true"],
                      "reduction.angles", "GB"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("n", [2, 3, 8])
+def test_how_much_too_stiffly_few_elements_bend(n: int) -> None:
+    """Beside an eigenproblem of such elements; shear lowers the frequency by ``pi^2 EI / (2 GA L^2)`` = 5e-6."""
+    h, shear = 1.0 / n, 1e6  # of length, EI and rho A 1
+    bent, sheared = np.array([0.0, -1.0, 0.0, 1.0]) / h, np.array([-1.0 / h, -0.5, 1.0 / h, -0.5])
+    stiffness = h * (np.outer(bent, bent) + shear * np.outer(sheared, sheared))
+    mass = np.kron(h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]]), np.diag([1.0, 0.0]))
+    whole = np.zeros((2, 2 * n + 2, 2 * n + 2))
+    for k in range(n):
+        whole[:, 2 * k : 2 * k + 4, 2 * k : 2 * k + 4] += stiffness, mass
+    free = np.setdiff1d(np.arange(2 * n + 2), [0, 2 * n])
+    stiffness, mass = whole[:, free][:, :, free]
+    first = 1.0 / np.linalg.eigvals(np.linalg.solve(stiffness, mass)).real.max()
+    np.testing.assert_allclose(np.sqrt(first) / np.pi**2, bending_excess(n), rtol=5e-5)
 
 
 def test_there_are_many() -> None:

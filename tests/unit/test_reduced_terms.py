@@ -166,9 +166,10 @@ def test_loads_are_absent_where_the_scene_has_none(scheme: str) -> None:
     assert terms.load(np.array([0.1, 0.2])).shape == (2, 0, 3)
 
 
-def test_stiffness_that_interpolation_made_indefinite_has_no_share() -> None:
-    """There it is said where, in place of an error of the factors."""
-    scene = slider_crank("reduction.second_order=true")
+@pytest.mark.parametrize("second_order", ["true", "false"])
+def test_stiffness_that_interpolation_made_indefinite_has_no_share(second_order: str) -> None:
+    """There it is said where, in place of an error of the factors; before the end of a run as well as there."""
+    scene = slider_crank(f"reduction.second_order={second_order}")
     rom = rom_of(scene)
     model = ReducedModel(scene, rom)
     q = np.zeros((3, model.terms.layout.n_eta))
@@ -186,3 +187,4 @@ def test_stiffness_that_interpolation_made_indefinite_has_no_share() -> None:
     np.testing.assert_array_equal(np.isnan(share), [False, False, True])
     why = lost_definiteness(model, scene.values, time, q)
     assert "is not positive definite at theta = 4 rad; build with more reduction.angles" in why
+    assert lost_definiteness(model, scene.values, time, q[[0, 2, 1]]) == why

@@ -276,6 +276,7 @@ def test_a_run_that_breaks_down_ends_with_its_flags(slider_crank_program) -> Non
     done = subprocess.run([slider_crank_program, "r1=1.1e-3"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 1
     assert int(done.stdout.splitlines()[-1].split(",")[-1]) & (4 + 8 + 16) == 4 + 8 + 16
+    assert "export again with a smaller simulation.step" in done.stderr and "no finite number" in done.stderr
 
 
 def test_a_parameter_that_is_none(slider_crank_program) -> None:

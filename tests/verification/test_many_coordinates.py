@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
 from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.indicator.coverage import why_not_of_full_order
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -107,6 +108,11 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
     for name in ("theta0", "theta1", "theta2"):
         assert np.abs(found[name] - exact[name]).max() < 1e-4 * np.abs(exact[name]).max()
     assert np.abs(found["bending"] - exact["bending"]).max() < 1e-2 * np.abs(exact["bending"]).max()
+
+
+def test_no_study_of_errors_is_offered_that_takes_no_third_coordinate() -> None:
+    (said,) = why_not_of_full_order(full_model(chain(True)))
+    assert said.text.endswith("compare with a finer mesh and a smaller simulation.step")
 
 
 LINKS = {"base": 0.3, "upper": 0.5, "fore": 0.45, "roll": 0.08, "pitch": 0.08, "hand": 0.1}

@@ -49,5 +49,10 @@ int main(int argc, char **argv) {
         pgmp_step(&model);
         show();
     }
-    return model.validity & PGMP_NOT_FINITE ? 1 : 0;
+    if (model.validity & PGMP_NOT_CONVERGED)
+        fprintf(stderr, "steps of %g s are too long: the iteration of some was not at its end; export again with a "
+                        "smaller simulation.step\n", STEP);
+    if (!(model.validity & PGMP_NOT_FINITE)) return 0;
+    fprintf(stderr, "stopped at %g s: a state is no finite number\n", pgmp_time(&model));
+    return 1;
 }
