@@ -84,6 +84,10 @@ class ReferenceMotion:
         n_samples)."""
         return self._of(number, n)[:3]
 
+    def shaken(self, number: int, n: int) -> np.ndarray:
+        """Return the unknowns with what the vibrations lack at n instants, shape (n, n_dofs, n_samples)."""
+        return self._of(number, n)[3]
+
     def _of(self, number: int, n: int) -> np.ndarray:
         """Return the parts of n instants from a number on, shape (4, n, n_dofs, n_samples)."""
         first = number - self._first
