@@ -178,6 +178,10 @@ class ReducedSystem:
         """Return the kinetic energy of the samples in a state, shape (n_samples,), J."""
         return reduced_energy(self._terms, self._values, q, v)[0]
 
+    def strain_energy(self, q: np.ndarray) -> np.ndarray:
+        """Return the strain energy of the samples at positions (n_samples, n_eta), shape (n_samples,), J."""
+        return reduced_energy(self._terms, self._values, q, np.zeros_like(q))[1]
+
     def residual(self, time: float, state: State) -> np.ndarray:
         """Return the residual of the equations of motion, shape (n_samples, n_eta).
 

@@ -30,7 +30,7 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
-from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns
+from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns, find_turns
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
 if TYPE_CHECKING:
@@ -155,23 +155,14 @@ class WatchedRun:
 
     def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
         """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
-        places, samples, middles = [], [], []
         looks = np.flatnonzero(numbers % LOOK == 0)
-        there = motion[looks, 0, :, : self._r]
-        # those of the middle of the turn that lies ahead
-        ahead = there + 0.5 * np.copysign(HOLD, motion[looks, 1, :, : self._r])
-        for place, theta, middle in zip(looks, there, ahead):
-            turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
-            if turned.size:
-                self._middles[turned] = middle[turned]
-                places.append(np.full(turned.size, place + 1))
-                samples.append(turned)
-                middles.append(self._middles[turned])
-        if not places:
+        most = looks.size * self._samples.size
+        places, who, middles = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty((most, self._r))
+        n = find_turns(motion, looks, HOLD, self._middles, places, who, middles)
+        if not n:
             return None
-        who = np.concatenate(samples)
-        weights = tuple(part[who] for part in self._weights)
-        return Turns(np.concatenate(places), who, self._indicator.modes.at(np.concatenate(middles), weights))
+        weights = tuple(part[who[:n]] for part in self._weights)
+        return Turns(places[:n], who[:n], self._indicator.modes.at(middles[:n], weights))
 
     def _keep(self, numbers: np.ndarray, motion: np.ndarray, exact: np.ndarray, missing: np.ndarray) -> None:
         """Keep what may be evaluated of some steps, given by their numbers."""

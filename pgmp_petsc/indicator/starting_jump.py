@@ -80,9 +80,9 @@ def _quasi_static(model: ReducedModel, system: ReducedSystem, state: State) -> n
 
 def _strain_energy(system: ReducedSystem, state: State, deformation: np.ndarray) -> float:
     """Return the strain energy of one sample at the start with another deformation, J."""
-    bent = state.copy()
-    bent.q[0, system.tables.n_coordinates :] = deformation
-    return float(system.energies(0.0, bent).strain[0])
+    bent = state.q.copy()
+    bent[0, system.tables.n_coordinates :] = deformation
+    return float(system.strain_energy(bent)[0])
 
 
 def _acting(model: ReducedModel, system: ReducedSystem, state: State) -> list[str]:
