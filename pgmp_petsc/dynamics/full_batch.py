@@ -29,7 +29,9 @@ from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.installed import alone
 
-STEPS_AT_ONCE = 32  # a call from Python costs what some steps of a small mechanism do
+# A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
+# taken again
+STEPS_AT_ONCE, BEFORE_EDGES = 50, 32
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 
 
@@ -80,7 +82,8 @@ class FullBatch:
         equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs
         self.n_constraints = equations.constraints.n_constraints
-        self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
+        most = BEFORE_EDGES if equations.edges else STEPS_AT_ONCE
+        self.steps_at_once = max(1, min(most, LARGEST // (self.n_dofs * n_samples)))
         self._edges, self._reference = equations.edges, Reference(equations.problem)
         self._sources = equations.sources(effects, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)

@@ -222,7 +222,8 @@ class WatchedRun:
         plain[:, fine, :r] = self._theta[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, self._indicator.step)
-        motion = ReferenceMotion(checking.unknowns_of, states, r, self._slowest[chosen], checking.rotations)
+        slowest = self._slowest[chosen]
+        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, slowest, checking.rotations)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         observed = _Observed(checking.full, full, values, motion)
         simulation = self._indicator.simulation.model_copy(

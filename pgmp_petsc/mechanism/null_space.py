@@ -165,7 +165,7 @@ class NullSpaces:
 
 def null_space(constraints: sp.csr_matrix) -> NullSpace:
     """Return the null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
-    constraints = sp.csr_matrix(constraints)
+    constraints = constraints.tocsr()
     constraints.sum_duplicates()
     return NullSpaces(constraints).of(constraints.data)
 
