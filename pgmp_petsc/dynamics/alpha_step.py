@@ -119,10 +119,11 @@ class StepsTaken:
 class AlphaStep:
     """Steps of any length of a system.
 
-    A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call (`StepsTaken`,
-    up to one in which a sample is lost), and is valid everywhere; what fails there is tried here. One with events can also put samples of a step into another one (``with_samples``). A step is
-    told what the one before has left: the accelerations at its beginning, from which it extrapolates, and the
-    contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
+    A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call
+    (`StepsTaken`, up to one in which a sample is lost), and is valid everywhere; what fails there is tried here. One
+    with events can also put samples of a step into another one (``with_samples``). A step is told what the one before
+    has left: the accelerations at its beginning, from which it extrapolates, and the contraction to expect. A system
+    with a method ``count_turns`` keeps turns in its states.
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
     accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
@@ -169,14 +170,8 @@ class AlphaStep:
     ) -> tuple[StepsTaken, StepTaken | None]:
         """Advance some samples by equal steps, up to the first one that is too much for a sample.
 
-        Parameters are as of `advance`, and the ends of the steps have the shape (n,).
-
-        Returns
-        -------
-        taken
-            Those in which no sample is lost; they may be none.
-        last
-            The last of them.
+        Parameters are as of `advance`, and the ends of the steps have the shape (n,). Returns the steps in which no
+        sample is lost, which may be none, and the last of them.
         """
         self.scheme(step)
         taken = self._ask(previous, auxiliary, ends, samples)

@@ -84,15 +84,7 @@ class StatesObserver(Observer, Protocol):
     """Sees whole states of many steps at once too, where the system takes them so."""
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps.
-
-        Parameters
-        ----------
-        numbers, times
-            Numbers of the steps and their ends, each of shape (n_t,); s.
-        states
-            After each, with a leading axis of steps.
-        """
+        """See the states after some steps, with a leading axis of steps; others are as of `TrailObserver`."""
 
 
 @dataclass(frozen=True)
