@@ -21,7 +21,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.body import Body
@@ -44,15 +43,15 @@ class BeamStrains:
         Their elements, shape (n_points,).
     along
         Places in these, 0 at the first node and 1 at the second, shape (n_points,).
-    weights
-        What makes extension and shear at the points from those in the middles of elements, shape (n_points,
-        n_elements).
+    continued
+        What continues extension and shear from the middle of a point's element to the point: its distance over that of
+        the middles of two elements, shape (n_points,), and the numbers of these, before and after, each (n_points,).
     """
 
     body: Body
     elements: np.ndarray
     along: np.ndarray
-    weights: sp.csr_matrix
+    continued: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @property
     def n_points(self) -> int:
@@ -97,10 +96,10 @@ class BeamStrains:
 
     def _at_points(self, middles: np.ndarray) -> np.ndarray:
         """Return the strains of the points from those in the middles of all elements, (n_elements, 3 or 6, n)."""
-        n_forces, n_e, _, n = (3 if self.in_space else 2), *middles.shape
-        continued = self.weights @ middles[:, :n_forces].reshape(n_e, -1)
-        own = middles[self.elements]
-        return np.concatenate([continued.reshape(-1, n_forces, n), own[:, n_forces:], own[:, 1:n_forces]], axis=1)
+        n_forces, own, (far, before, after) = (3 if self.in_space else 2), middles[self.elements], self.continued
+        rise = middles[after, :n_forces] - middles[before, :n_forces]
+        at_points = own[:, :n_forces] + far[:, None, None] * rise
+        return np.concatenate([at_points, own[:, n_forces:], own[:, 1:n_forces]], axis=1)
 
     def forces(self, found: np.ndarray, resists: np.ndarray) -> np.ndarray:
         """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
@@ -147,7 +146,8 @@ class BeamStrains:
     def in_middles(cls, body: Body) -> BeamStrains:
         """Take the middles of all elements."""
         n = len(body.mesh.cells)
-        return cls(body, np.arange(n), np.full(n, 0.5), sp.identity(n, format="csr"))
+        elements = np.arange(n)
+        return cls(body, elements, np.full(n, 0.5), (np.zeros(n), elements, elements))
 
     @classmethod
     def at_place(cls, body: Body, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
@@ -160,20 +160,17 @@ class BeamStrains:
         return cls.of(body, near, along[near], held) if near.size else None
 
 
-def _continuation(mesh: LineMesh, elements: np.ndarray, along: np.ndarray, held: Collection[int]) -> sp.csr_matrix:
-    """Return what continues values in the middles of elements to points, shape (n_points, n_elements)."""
+def _continuation(
+    mesh: LineMesh, elements: np.ndarray, along: np.ndarray, held: Collection[int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what continues values in the middles of elements to points; see `BeamStrains`."""
     before, after = (others[elements] for others in _neighbours(mesh, held))
     # from the middle of the element before to that of the one after, or its own where there is none
     low, high = np.where(before >= 0, before, elements), np.where(after >= 0, after, elements)
     own, apart = mesh.lengths[elements], low != high
     behind = np.where(before >= 0, 0.5 * (own + mesh.lengths[low]), 0.0)
     ahead = np.where(after >= 0, 0.5 * (own + mesh.lengths[high]), 0.0)
-    slope = np.where(apart, (along - 0.5) * own / np.where(apart, behind + ahead, 1.0), 0.0)
-    points, entries = np.arange(elements.size), (np.ones(elements.size), slope, -slope)
-    places = np.tile(points, 3), np.concatenate([elements, high, low])
-    found = sp.csr_matrix((np.concatenate(entries), places), shape=(elements.size, mesh.n_cells))
-    found.eliminate_zeros()
-    return found
+    return np.where(apart, (along - 0.5) * own / np.where(apart, behind + ahead, 1.0), 0.0), low, high
 
 
 def _neighbours(mesh: LineMesh, held: Collection[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,13 +81,49 @@ class StepTaken:
     n_iterations: int
 
 
+@dataclass(frozen=True, eq=False)
+class StepsTaken:
+    """Steps that a system took by itself, one after the other.
+
+    Attributes
+    ----------
+    states, auxiliary, expected, n_iterations
+        As of `StepTaken`, each with a leading axis of steps.
+    lost
+        Mask of the samples whose iteration failed in the last of them, shape (n_samples,).
+    """
+
+    states: State
+    auxiliary: np.ndarray
+    expected: np.ndarray
+    n_iterations: np.ndarray
+    lost: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.auxiliary)
+
+    def __getitem__(self, number: int) -> StepTaken:
+        """Return a step by its number, from 0 on."""
+        lost = self.lost.copy() if number == len(self) - 1 else np.zeros_like(self.lost)
+        expected, n_iterations = self.expected[number], int(self.n_iterations[number])
+        return StepTaken(self.states.at(number), self.auxiliary[number], expected, lost, n_iterations)
+
+    def first(self, n: int) -> StepsTaken:
+        """Return the first n of more steps, or all of them."""
+        if n == len(self):
+            return self
+        parts = (part[:n] for part in (self.auxiliary, self.expected, self.n_iterations))
+        return StepsTaken(self.states.at(slice(n)), *parts, np.zeros_like(self.lost))
+
+
 class AlphaStep:
     """Steps of any length of a system.
 
-    A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call; what fails
-    there is tried here. One with events can also put samples of a step into another one (``with_samples``). A step is
-    told what the one before has left: the accelerations at its beginning, from which it extrapolates, and the
-    contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
+    A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call
+    (`StepsTaken`, up to one in which a sample is lost), and is valid everywhere; what fails there is tried here. One
+    with events can also put samples of a step into another one (``with_samples``). A step is told what the one before
+    has left: the accelerations at its beginning, from which it extrapolates, and the contraction to expect. A system
+    with a method ``count_turns`` keeps turns in its states.
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
     accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
@@ -105,6 +140,8 @@ class AlphaStep:
 
     Attributes
     ----------
+    goes_far
+        Whether `advance_far` is of use: nothing is to be looked at between steps.
     n_iterations
         Newton corrections done so far, all samples together.
     """
@@ -114,6 +151,7 @@ class AlphaStep:
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
+        self.goes_far = self._by_itself and not (self._projects or system.n_events)
         self._ahead: deque[StepTaken] = deque()
         self._moved = np.zeros(system.n_samples, dtype=bool)
         self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
@@ -126,6 +164,24 @@ class AlphaStep:
         if step != self._step:
             self._scheme, self._step = Scheme.of(self._spectral_radius, step), step
         return self._scheme
+
+    def advance_far(
+        self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, step: float, samples: np.ndarray
+    ) -> tuple[StepsTaken, StepTaken | None]:
+        """Advance some samples by equal steps, up to the first one that is too much for a sample.
+
+        Parameters are as of `advance`, and the ends of the steps have the shape (n,). Returns the steps in which no
+        sample is lost, which may be none, and the last of them.
+        """
+        self.scheme(step)
+        taken = self._ask(previous, auxiliary, ends, samples)
+        taken = taken.first(len(taken) - int(taken.lost.any()))
+        if not len(taken):
+            return taken, None
+        last, behind = taken[len(taken) - 1], previous.a if len(taken) == 1 else taken.states.a[-2]
+        self._left = last.state, behind, last.expected
+        self.n_iterations += int(taken.n_iterations.sum())
+        return taken, last
 
     def advance(
         self,
@@ -165,7 +221,7 @@ class AlphaStep:
                 taken = self._take(previous, auxiliary, end, samples, NOTHING if self._projects else following)
                 self._left = taken.state, previous.a, taken.expected
             else:
-                (taken,) = self._ask(previous, auxiliary, np.array([end]), samples)
+                taken = self._ask(previous, auxiliary, np.array([end]), samples)[0]
             self.n_iterations += taken.n_iterations
             state, lost = taken.state, taken.lost
             if not (lost.any() or self._projects):
@@ -199,12 +255,13 @@ class AlphaStep:
         """Return a step that the system takes, or took ahead from the very state that it begins with."""
         known, known_end, known_step = self._asked_next
         if not (self._ahead and previous is known and end == known_end and self._step == known_step):
-            self._ahead = deque(self._ask(previous, auxiliary, np.append(end, following), samples))
+            asked = self._ask(previous, auxiliary, np.append(end, following), samples)
+            self._ahead = deque(asked[k] for k in range(len(asked)))
         elif self._moved.any():
             ends = np.append(end, following)[: len(self._ahead)]
             again = self._ask(previous, auxiliary, ends, self._moved & samples)
-            pairs = zip(self._ahead, again)  # up to a step in which one of them fails
-            self._ahead = deque([self._system.with_samples(taken, other, self._moved) for taken, other in pairs])
+            pairs = zip(self._ahead, range(len(again)))  # up to a step in which one of them fails
+            self._ahead = deque([self._system.with_samples(taken, again[k], self._moved) for taken, k in pairs])
         self._moved[:] = False
         taken = self._ahead.popleft()
         self._asked_next = taken.state, float(following[0]) if following.size else np.nan, self._step
@@ -212,7 +269,7 @@ class AlphaStep:
 
     def _ask(
         self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, samples: np.ndarray
-    ) -> Sequence[StepTaken]:
+    ) -> StepsTaken:
         """Return equal steps of some samples that the system takes."""
         left = self._left[1:] if previous is self._left[0] else (previous.a, None)
         asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)

@@ -73,9 +73,12 @@ class Symbolic:
         """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
         first, second = self.place[np.asarray(row)], self.place[np.asarray(column)]
         lower, upper = np.maximum(first, second), np.minimum(first, second)
-        # entries lie column after column, each with growing rows
-        stored = np.repeat(np.arange(self.n), np.diff(self.starts)) * self.n + self.rows
-        return np.where(lower == upper, -1 - lower, np.searchsorted(stored, upper * self.n + lower))
+        return np.where(lower == upper, -1 - lower, np.searchsorted(self._keys, upper * self.n + lower))
+
+    @cached_property
+    def _keys(self) -> np.ndarray:
+        """Numbers of the entries of L, column after column, each with growing rows."""
+        return np.repeat(np.arange(self.n), np.diff(self.starts)) * self.n + self.rows
 
 
 def analyse(pattern: sp.spmatrix, levels: np.ndarray) -> Symbolic:

@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepsAsked, StepTaken
+from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepsAsked, StepsTaken, StepTaken
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
@@ -29,7 +29,9 @@ from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.installed import alone
 
-STEPS_AT_ONCE = 32  # a call from Python costs what some steps of a small mechanism do
+# A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
+# taken again
+STEPS_AT_ONCE, BEFORE_EDGES = 50, 32
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 
 
@@ -80,7 +82,8 @@ class FullBatch:
         equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs
         self.n_constraints = equations.constraints.n_constraints
-        self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
+        most = BEFORE_EDGES if equations.edges else STEPS_AT_ONCE
+        self.steps_at_once = max(1, min(most, LARGEST // (self.n_dofs * n_samples)))
         self._edges, self._reference = equations.edges, Reference(equations.problem)
         self._sources = equations.sources(effects, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
@@ -168,7 +171,7 @@ class FullBatch:
         for q, turns in zip(state.q, state.turns):
             count_turns(self._reference, q, turns)
 
-    def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> list[StepTaken]:
+    def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> StepsTaken:
         """Take equal steps, up to one in which an iteration fails; see `AlphaStep`.
 
         States may be those about a motion: `reference` has its positions, velocities and accelerations at the ends of
@@ -188,17 +191,8 @@ class FullBatch:
             self._typical_mass, asked.step, tuple(about), asked.behind,
             before, self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
-        last = lost.ravel()[: self.n_samples]
-        return [
-            StepTaken(
-                State(*(part[k] for part in after[:5])),
-                after[5][k],
-                after[6][k],
-                last.copy() if k == n_taken - 1 else np.zeros_like(last),
-                int(n_corrections[k]),
-            )
-            for k in range(n_taken)
-        ]
+        taken = [part[:n_taken] for part in (*after, n_corrections)]
+        return StepsTaken(State(*taken[:5]), *taken[5:], lost.ravel()[: self.n_samples])
 
     def with_samples(self, taken: StepTaken, other: StepTaken, samples: np.ndarray) -> StepTaken:
         """Return a step with some samples, a mask, as in another one of the same length; its arrays are used again."""

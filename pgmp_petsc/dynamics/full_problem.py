@@ -233,7 +233,8 @@ class FullEquations:
 
     def _whole(self, pattern: tuple[np.ndarray, np.ndarray], n: int) -> WholeLayout:
         rows, columns = pattern
-        half = sp.coo_matrix((np.ones(rows.size), (rows, columns)), shape=(n, n))
+        both = np.concatenate([rows, columns]), np.concatenate([columns, rows])
+        whole = sp.csr_matrix((np.ones(both[0].size), both), shape=(n, n))
         levels = np.full(n, MESH)
         frames = self.unknowns.frames(levels)
         for body in self.unknowns.bodies:
@@ -242,7 +243,7 @@ class FullEquations:
                 if body.floating is not None:
                     frames[body.nodes.stop - 1] = MESH
         levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
-        return WholeLayout(analyse(half + half.T, levels), self.n_dofs)
+        return WholeLayout(analyse(whole, levels), self.n_dofs)
 
     def _pattern(self) -> Pattern:
         if isinstance(self.layout, WholeLayout):

@@ -80,6 +80,13 @@ class TrailObserver(Observer, Protocol):
         """
 
 
+class StatesObserver(Observer, Protocol):
+    """Sees whole states of many steps at once too, where the system takes them so."""
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps, with a leading axis of steps; others are as of `TrailObserver`."""
+
+
 @dataclass(frozen=True)
 class Together:
     """One observer for several."""
@@ -141,7 +148,7 @@ class GeneralisedAlpha:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
-        self._n_ahead = getattr(system, "steps_at_once", 1) - 1
+        self._n_at_once = getattr(system, "steps_at_once", 1)
         self._step = duration / n_steps
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
         self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)
@@ -166,19 +173,43 @@ class GeneralisedAlpha:
         if hasattr(self.system, "advance"):
             self._advance_at_once(last)
         else:
-            for number in range(self.n_done, last):
-                self._advance_one_step(number)
-                self._show(number + 1, self.state)
+            number = self.n_done
+            while number < last:
+                number += self._advance_far(number, last) or self._advance_one_step(number)
         self.n_done = last
         if self._pulse is not None:
             self._pulse()
 
-    def _advance_one_step(self, number: int) -> None:
-        """Advance all living samples from one instant to the next."""
-        if not self._n_alive:
-            return
+    def _advance_far(self, number: int, last: int) -> int:
+        """Advance all living samples by the steps that the system takes in one call; return how many that are."""
+        if not (self._stepper.goes_far and self._n_alive):
+            return 0
+        ends = self.instants[number + 1 : last + 1][: self._n_at_once]
+        taken, reached = self._stepper.advance_far(self.state, self._auxiliary, ends, self._step, self._alive)
+        if reached is None:
+            return 0
+        self.state, self._auxiliary = reached.state, reached.auxiliary
+        numbers = np.arange(number + 1, number + 1 + len(taken))
+        if hasattr(self._observer, "over_states"):
+            self._observer.over_states(numbers, self.instants[numbers], taken.states)
+        else:
+            for k, each in enumerate(numbers):
+                self._show(int(each), taken.states.at(k))
+        return len(taken)
+
+    def _advance_one_step(self, number: int) -> int:
+        """Advance all living samples from one instant to the next, and show it; return how many steps that are."""
+        if self._n_alive:
+            self._advance_with_looks(number)
+        self._show(number + 1, self.state)
+        return 1
+
+    def _advance_with_looks(self, number: int) -> None:
+        """Advance all living samples by a step, and look for edges, failures and what is outside."""
         previous, auxiliary, alive = self.state, self._auxiliary, self._alive
-        end, following = float(self.instants[number + 1]), self.instants[number + 2 :][: self._n_ahead]
+        # where steps are taken far, one that comes here is the one that went wrong
+        n_ahead = 0 if self._stepper.goes_far else self._n_at_once - 1
+        end, following = float(self.instants[number + 1]), self.instants[number + 2 :][:n_ahead]
         self.state, self._auxiliary, lost = self._stepper.advance(
             previous, auxiliary, end, self._step, alive, following
         )

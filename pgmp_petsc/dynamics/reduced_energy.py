@@ -11,6 +11,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.second_order import unpacked
+from pgmp_petsc.runtime.compiled import njit
 
 SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off
 
@@ -36,20 +37,21 @@ def reduced_energy(
     weights, r = evaluate_weights(terms.weights, values), len(layout.rigid)
     entries = _weighted(terms.terms, weights, q[:, :r])
     entries[:, : layout.n_rigid] = _weighted(terms.rigid, weights, q[:, :r])
-    delta, rate = q[:, r:], v[:, r:]
-    mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
+    delta, rate = np.ascontiguousarray(q[:, r:]), v[:, r:]
     k, j, times = _pairs(r)
     turning = v[:, k] * v[:, j] * times
-    coupling = coupling.reshape(len(q), layout.n_rigid, -1)
-    kinetic = 0.5 * _form(mass, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
-    strain = 0.5 * _form(stiffness, delta)
+    coupling = entries[:, layout.coupling : layout.stiffness].reshape(len(q), layout.n_rigid, -1)
+    kinetic = 0.5 * _form(entries, 0, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
+    strain = 0.5 * _form(entries, layout.stiffness, delta)
     if layout.second_order:
         i, j = _apart(delta.shape[1])
         swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
-        kinetic += np.einsum("nk,nkp,np->n", v[:, :r], gyroscopic.reshape(len(q), r, -1), swept)
-        for pair, part in enumerate(np.split(swing, layout.n_rigid, axis=1)):
-            kinetic -= 0.5 * turning[:, pair] * _form(part, delta)
-        strain += _cubic_form(cubic, delta) / 6.0
+        gyroscopic = entries[:, layout.gyroscopic : layout.damping].reshape(len(q), r, -1)
+        kinetic += np.einsum("nk,nkp,np->n", v[:, :r], gyroscopic, swept)
+        for pair in range(layout.n_rigid):
+            first = layout.swing + pair * _n_packed(delta.shape[1])
+            kinetic -= 0.5 * turning[:, pair] * _form(entries, first, delta)
+        strain += _cubic_form(entries, layout.cubic, delta) / 6.0
     return kinetic, strain
 
 
@@ -95,7 +97,7 @@ def load_powers(
 ) -> dict[str, np.ndarray]:
     """Return each effect's power per unit amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
     tables, r, n_eta = terms.tables, terms.tables.n_coordinates, terms.layout.n_eta
-    theta, delta, rate = q[:, :r], q[:, r:], v[:, r:]
+    theta, delta, rate = q[:, :r], np.ascontiguousarray(q[:, r:]), np.ascontiguousarray(v[:, r:])
     load, slopes = terms.load(theta), [terms.load.slope(theta, k) for k in range(r)]
     power = np.einsum("nli,ni->ln", load[:, :, :n_eta], v)
     for k, slope in enumerate(slopes):
@@ -103,11 +105,11 @@ def load_powers(
     if terms.layout.second_order:
         # d/dt of 1/2 delta^T B delta
         for number in range(len(power)):
-            bent = load[:, number, n_eta:]
-            crossed = 0.5 * (_form(bent, delta + rate) - _form(bent, delta) - _form(bent, rate))
-            power[number] += crossed
+            first = number * load.shape[2] + n_eta
+            crossed = [_form(load, first, x) for x in (delta + rate, delta, rate)]
+            power[number] += 0.5 * (crossed[0] - crossed[1] - crossed[2])
             for k, slope in enumerate(slopes):
-                power[number] += 0.5 * v[:, k] * _form(slope[:, number, n_eta:], delta)
+                power[number] += 0.5 * v[:, k] * _form(slope, first, delta)
     weighted = np.broadcast_to(evaluate_weights(tables.load_weights, values).T, power.T.shape).T * power
     result: dict[str, np.ndarray] = {}
     for name, part in zip(tables.load_effects, weighted):
@@ -121,13 +123,32 @@ def damping_power(
     """Return the power ``-eta'^T D eta'`` of structural damping but for what brakes the momentum, shape (n,), W."""
     entries = terms.terms(q[:, : terms.tables.n_coordinates])[:, :, terms.layout.damping :]
     weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
-    return -_form(np.einsum("nt,nte->ne", weights, entries), v)
+    return -_form(np.einsum("nt,nte->ne", weights, entries), 0, v)
 
 
-def _form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return ``x^T A x`` for packed symmetric matrices (n, n_packed) and x (n, m)."""
-    i, j, times = _pairs(x.shape[1])
-    return np.sum(packed * times * x[:, i] * x[:, j], axis=1)
+def _form(entries: np.ndarray, first: int, x: np.ndarray) -> np.ndarray:
+    """Return ``x^T A x`` for symmetric matrices packed from an entry on, in tables (n, ...), and x (n, m)."""
+    result = np.zeros(len(x))
+    _add_forms(entries.reshape(len(x), -1), first, np.ascontiguousarray(x), result)
+    return result
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def _add_forms(entries, first, x, result):
+    """Add ``x^T A x`` to a result (n,); see `_form`."""
+    for k in range(x.shape[0]):
+        entry = first
+        for i in range(x.shape[1]):
+            row = 0.0
+            for j in range(i):
+                row += entries[k, entry + j] * x[k, j]
+            result[k] += x[k, i] * (2.0 * row + entries[k, entry + i] * x[k, i])
+            entry += i + 1
+
+
+def _n_packed(n: int) -> int:
+    """Return the number of entries of a packed symmetric matrix."""
+    return n * (n + 1) // 2
 
 
 @cache
@@ -143,15 +164,6 @@ def _apart(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.tril_indices(n, -1)
 
 
-@cache
-def _triples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the indices of a packed symmetric tensor, and how often each entry stands in it."""
-    i, j, k = np.indices((n,) * 3).reshape(3, -1)
-    chosen = (i >= j) & (j >= k)
-    i, j, k = i[chosen], j[chosen], k[chosen]
-    return i, j, k, np.where(i == k, 1.0, np.where((i == j) | (j == k), 3.0, 6.0))
-
-
 def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
     """Return tensors packed over ``i >= j >= k``, k fastest, as symmetric ones (n, m, m, m)."""
     m = next(m for m in range(packed.shape[1] + 1) if m * (m + 1) * (m + 2) == 6 * packed.shape[1])
@@ -160,7 +172,25 @@ def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
     return packed[:, i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
 
 
-def _cubic_form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return ``T_ijk x_i x_j x_k`` for symmetric tensors packed over ``i >= j >= k``."""
-    i, j, k, times = _triples(x.shape[1])
-    return np.sum(packed * times * x[:, i] * x[:, j] * x[:, k], axis=1)
+def _cubic_form(entries: np.ndarray, first: int, x: np.ndarray) -> np.ndarray:
+    """Return ``T_ijk x_i x_j x_k`` for symmetric tensors packed over ``i >= j >= k`` from an entry on; see `_form`."""
+    result = np.zeros(len(x))
+    _add_cubic_forms(entries, first, x, result)
+    return result
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def _add_cubic_forms(entries, first, x, result):
+    """Add ``T_ijk x_i x_j x_k`` to a result (n,); see `_cubic_form`. An entry stands in a tensor once, three times or,
+    of three different indices, six times."""
+    for n in range(x.shape[0]):
+        entry = first
+        for i in range(x.shape[1]):
+            for j in range(i + 1):
+                row = 0.0
+                for k in range(j + 1):
+                    same = (1 if i == j else 0) + (1 if j == k else 0)
+                    times = 6.0 if same == 0 else 3.0 if same == 1 else 1.0
+                    row += times * entries[n, entry + k] * x[n, k]
+                result[n] += x[n, i] * x[n, j] * row
+                entry += j + 1

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import FORCE, act, add_tangents, allocate_local
+from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
@@ -216,7 +216,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, forces):
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
     """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
 
     Parameters
@@ -231,8 +231,8 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, f
         Derivative of eta' with eta within a step.
     with_tangent
         Whether tangents are wanted.
-    forces
-        Result: of every action (N or N m), shape (n_t, n_samples, n_actions).
+    known
+        Result: as of `act`, shape (n_t, n_samples, 4, n_actions).
     """
     work, n_actions = allocate(equations.layout), amplitudes.shape[1]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
@@ -252,8 +252,9 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, f
             )  # fmt: skip
             for lane in range(LANES):
                 if active[block] & (1 << lane):
-                    for k in range(n_actions):
-                        forces[instant, samples[lane], k] = memory.known[samples[lane], FORCE, k]
+                    for row in range(known.shape[2]):
+                        for k in range(n_actions):
+                            known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
 
 
 @njit(cache=True, error_model="numpy")

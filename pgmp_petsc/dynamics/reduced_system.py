@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
@@ -178,6 +178,10 @@ class ReducedSystem:
         """Return the kinetic energy of the samples in a state, shape (n_samples,), J."""
         return reduced_energy(self._terms, self._values, q, v)[0]
 
+    def strain_energy(self, q: np.ndarray) -> np.ndarray:
+        """Return the strain energy of the samples at positions (n_samples, n_eta), shape (n_samples,), J."""
+        return reduced_energy(self._terms, self._values, q, np.zeros_like(q))[1]
+
     def residual(self, time: float, state: State) -> np.ndarray:
         """Return the residual of the equations of motion, shape (n_samples, n_eta).
 
@@ -205,13 +209,12 @@ class ReducedSystem:
     def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
         """Return energies and powers of a system of one sample at several instants, each a row of the states."""
         values = {name: value[0] for name, value in self._values.items()}
-        n, n_actions = len(times), len(self._actions.actions)
-        residual, known = np.zeros_like(states.q), np.zeros((n, 4, n_actions))
-        if n_actions or self._motions:
-            for k, time in enumerate(times):
-                one = slice(k, k + 1)
-                at = State(states.q[one], states.v[one], states.a[one], states.multipliers)
-                residual[one], known[one] = self._driven(time, at)
+        trail = np.stack([states.q, states.v], axis=1)[:, :, None]
+        known = self._known(times, trail, 0.0, self._lanes.sets(np.ones(1, dtype=bool)), False)[:, 0]
+        residual = np.zeros_like(states.q)
+        for k, time in enumerate(times if self._motions else ()):
+            one = slice(k, k + 1)
+            residual[one] = self.residual(time, State(states.q[one], states.v[one], states.a[one], states.multipliers))
         return self._energies(values, times, states, residual, known)
 
     def _driven(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -257,7 +260,7 @@ class ReducedSystem:
         if not self._actions.actions:
             return np.empty((times.size, self.n_samples, 0))
         everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
-        forces = self._forces(times, trail, 0.0, everyone, False)
+        forces = self._known(times, trail, 0.0, everyone, False)[:, :, FORCE]
         weighted = forces[..., None] * self._lanes.place_weights.T[:, None]
         return weighted.reshape(*forces.shape[:2], forces.shape[2] * weighted.shape[3])
 
@@ -364,16 +367,17 @@ class ReducedSystem:
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
-            self._forces(
+            self._known(
                 np.array([time]), np.array([[state.q, state.v]]), gain_v, self._lanes.sets(active), with_tangent
             )
 
-    def _forces(
+    def _known(
         self, times: np.ndarray, trail: np.ndarray, gain_v: float, lanes: np.ndarray, with_tangent: bool
     ) -> np.ndarray:
-        """Evaluate the actions on some lanes at times (n_t,); return their forces, (n_t, n_samples, n_actions)."""
+        """Evaluate the actions on some lanes at times (n_t,); return what is known of them, (n_t, n_samples, 4,
+        n_actions), as of `act`."""
         actions = self._actions.actions
-        found, amplitudes = np.zeros((times.size, self.n_samples, len(actions))), amplitudes_over(actions, times)
+        found, amplitudes = np.zeros((times.size, self.n_samples, 4, len(actions))), amplitudes_over(actions, times)
         if found.size:
             act_on(
                 self._equations, self._memory, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,

@@ -38,6 +38,10 @@ class State:
         """Return a deep copy."""
         return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy(), self.turns.copy())
 
+    def at(self, number: int | slice) -> State:
+        """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
+        return State(self.q[number], self.v[number], self.a[number], self.multipliers[number], self.turns[number])
+
 
 @dataclass(frozen=True)
 class Scheme:

@@ -30,7 +30,7 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
-from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns
+from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns, find_turns
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
 if TYPE_CHECKING:
@@ -155,23 +155,14 @@ class WatchedRun:
 
     def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
         """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
-        places, samples, middles = [], [], []
         looks = np.flatnonzero(numbers % LOOK == 0)
-        there = motion[looks, 0, :, : self._r]
-        # those of the middle of the turn that lies ahead
-        ahead = there + 0.5 * np.copysign(HOLD, motion[looks, 1, :, : self._r])
-        for place, theta, middle in zip(looks, there, ahead):
-            turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
-            if turned.size:
-                self._middles[turned] = middle[turned]
-                places.append(np.full(turned.size, place + 1))
-                samples.append(turned)
-                middles.append(self._middles[turned])
-        if not places:
+        most = looks.size * self._samples.size
+        places, who, middles = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty((most, self._r))
+        n = find_turns(motion, looks, HOLD, self._middles, places, who, middles)
+        if not n:
             return None
-        who = np.concatenate(samples)
-        weights = tuple(part[who] for part in self._weights)
-        return Turns(np.concatenate(places), who, self._indicator.modes.at(np.concatenate(middles), weights))
+        weights = tuple(part[who[:n]] for part in self._weights)
+        return Turns(places[:n], who[:n], self._indicator.modes.at(middles[:n], weights))
 
     def _keep(self, numbers: np.ndarray, motion: np.ndarray, exact: np.ndarray, missing: np.ndarray) -> None:
         """Keep what may be evaluated of some steps, given by their numbers."""
@@ -231,13 +222,10 @@ class WatchedRun:
         plain[:, fine, :r] = self._theta[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, self._indicator.step)
-        motion = ReferenceMotion(checking.unknowns_of, states, r, self._slowest[chosen], checking.rotations)
+        slowest = self._slowest[chosen]
+        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, slowest, checking.rotations)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        observed = _Observed(checking.full, full, values)
-
-        def record(number: int, time: float, state: State) -> None:
-            observed.take(motion.at(number).shaken, state)
-
+        observed = _Observed(checking.full, full, values, motion)
         simulation = self._indicator.simulation.model_copy(
             update={
                 "step": schedule.interval,
@@ -245,7 +233,7 @@ class WatchedRun:
                 "spectral_radius": 0.0,
             }
         )
-        run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
+        run = integrate(system, simulation, alive=fine, observer=observed, prefix=ERROR_PREFIX)
         errors = self._errors(plain, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
@@ -280,23 +268,33 @@ class WatchedRun:
 
 
 class _Observed:
-    """Outputs of n corrected motions, evaluated for many instants together."""
+    """Outputs of n corrected motions, evaluated for many instants together; observes their errors."""
 
-    def __init__(self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray]) -> None:
-        self._model, self._batch, self._values = model, batch, values
+    def __init__(
+        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray], motion: ReferenceMotion
+    ) -> None:
+        self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
-    def take(self, motion: np.ndarray, error: State) -> None:
-        """Take in the unknowns of a motion, (n_dofs, n), and its error at the next instant."""
+    def __call__(self, number: int, time: float, error: State) -> None:
+        """Take in the error at an instant."""
+        self._take(number, error.q[None], error.turns[None])
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
+        """Take in the errors at many instants in turn; see `StatesObserver`."""
+        self._take(int(numbers[0]), errors.q, errors.turns)
+
+    def _take(self, number: int, errors: np.ndarray, turns: np.ndarray) -> None:
+        motion = self._motion.shaken(number, len(errors))
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((motion, error.q, error.turns.copy()))
-        if len(self._waiting) * motion.size > TOGETHER:
+        self._waiting.append((motion, errors, turns.copy()))
+        if sum(part.size for part, _, _ in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        n_e, n = len(self._waiting), self._batch.n_samples
-        motions, *errors = (np.array(parts) for parts in zip(*self._waiting))
+        motions, *errors = (np.concatenate(parts) for parts in zip(*self._waiting))
+        n_e, n = len(motions), self._batch.n_samples
         # the axis of instants behind that of unknowns
         errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
         q = (np.moveaxis(motions, 0, 1) + errors).reshape(-1, n_e * n)

@@ -54,8 +54,8 @@ class ReferenceMotion:
 
     Parameters
     ----------
-    unknowns
-        Back-transformation.
+    unknowns, n_dofs
+        Back-transformation, and the number of its unknowns.
     states
         Reduced coordinates, velocities, accelerations and missing vibrations at every instant, shape (n_instants, 4,
         n_samples, n_eta).
@@ -69,11 +69,17 @@ class ReferenceMotion:
     """
 
     def __init__(
-        self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray, rotations: np.ndarray
+        self,
+        unknowns: Unknowns,
+        n_dofs: int,
+        states: np.ndarray,
+        n_theta: int,
+        longest: np.ndarray,
+        rotations: np.ndarray,
     ) -> None:
-        self._unknowns, self._states = unknowns, states
+        self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
         self._n_theta, self._longest, self._rotations = n_theta, longest, rotations
-        self._n_dofs, self._first, self._kept = 0, 0, np.empty((4, 0, 0, 0))
+        self._first, self._kept = 0, np.empty((4, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
@@ -84,6 +90,10 @@ class ReferenceMotion:
         n_samples)."""
         return self._of(number, n)[:3]
 
+    def shaken(self, number: int, n: int) -> np.ndarray:
+        """Return the unknowns with what the vibrations lack at n instants, shape (n, n_dofs, n_samples)."""
+        return self._of(number, n)[3]
+
     def _of(self, number: int, n: int) -> np.ndarray:
         """Return the parts of n instants from a number on, shape (4, n, n_dofs, n_samples)."""
         first = number - self._first
@@ -93,8 +103,7 @@ class ReferenceMotion:
         return self._kept[:, first : first + n]
 
     def _compute(self, number: int, n: int) -> None:
-        n_samples = self._states.shape[2]
-        n_dofs = self._n_dofs = self._n_dofs or self._unknowns(self._states[0, 0, :1]).shape[0]
+        n_samples, n_dofs = self._states.shape[2], self._n_dofs
         numbers = (1 + len(AT)) * n_dofs * n_samples
         states = self._states[number : number + max(n, LARGEST // numbers)]
         kept = np.empty((4, len(states), n_dofs, n_samples))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import StepsAsked, StepTaken
+from pgmp_petsc.dynamics.alpha_step import StepsAsked, StepsTaken
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
@@ -88,7 +88,7 @@ class ErrorSystem:
         state.a += moved.a - before[2]
         return size
 
-    def take_steps(self, asked: StepsAsked) -> list[StepTaken]:
+    def take_steps(self, asked: StepsAsked) -> StepsTaken:
         """Take steps of the error; see `FullBatch.take_steps`."""
         first = round(asked.ends[0] / self._interval)
         return self._full.take_steps(asked, self._motion.over(first, asked.ends.size))

@@ -124,7 +124,8 @@ def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:
     """Return the integral of the amplitude over every step, 0 first, shape (n_t,)."""
     result = np.zeros_like(times)
     steps = np.diff(times)
-    for part in range(N_PARTS + 1):
-        weight = 1.0 / N_PARTS if 0 < part < N_PARTS else 0.5 / N_PARTS
-        result[1:] += weight * steps * amplitude(times[:-1] + part / N_PARTS * steps)
+    parts = np.arange(N_PARTS + 1) / N_PARTS
+    amplitudes = amplitude((times[:-1] + parts[:, None] * steps).ravel()).reshape(parts.size, steps.size)
+    for part, of_part in zip(parts, amplitudes):
+        result[1:] += (1.0 / N_PARTS if 0.0 < part < 1.0 else 0.5 / N_PARTS) * steps * of_part
     return result

@@ -34,7 +34,7 @@ LARGE = 0.5  # share of the largest deformation from which on a run is about its
 CURED = 0.25  # share of the swing that a start from static deformation may leave
 
 
-def jump_remarks(model: ReducedModel, system: ReducedSystem, strain: np.ndarray) -> tuple[Remark, ...]:
+def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strain: np.ndarray) -> tuple[Remark, ...]:
     """Return that most of the deformation of a run is the swing that its start sets off, and the cure.
 
     A warning where a start from static deformation cures it: then the mechanism is held or driven from the start, and
@@ -42,7 +42,7 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, strain: np.ndarray)
 
     Parameters
     ----------
-    model, system
+    model, system, start
         Of the run.
     strain
         Strain energy over the run, shape (n_t,), J.
@@ -50,20 +50,19 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, strain: np.ndarray)
     largest = float(np.max(strain, initial=0.0))
     if model.scene.initial.equilibrium or not largest > 0.0:
         return ()
-    state = system.start()
-    swing = _quasi_static(model, system, state)
-    energy = _strain_energy(system, state, swing)
+    swing = _quasi_static(model, system, start)
+    energy = _strain_energy(system, start, swing)
     share = 2.0 * np.sqrt(max(energy, 0.0) / largest)
     if not share >= LARGE:
         return ()
-    at_once = ", ".join(_acting(model, system, state)) or "inertia forces of its speed"
+    at_once = ", ".join(_acting(model, system, start)) or "inertia forces of its speed"
     what = (
         f"the run starts undeformed, with {at_once} at once: the vibration that this sets off makes "
         f"{min(100.0 * share, 100.0):.0f} % of its largest deformation"
     )
     damped = any(isinstance(effect, StructuralDamping) for effect in model.scene.effects.values())
     lasts = "" if damped else "; nothing in the bodies damps it: it falls out of step with that of a better model"
-    if _is_cured(model, system, state, swing, energy):
+    if _is_cured(model, system, start, swing, energy):
         return (warning(f"{what}; initial.equilibrium = true starts with the static one{lasts}"),)
     cure = "let loads grow from zero, or add structural_damping"
     return (note(f"{what}; where that is not meant, {cure} (initial.equilibrium = true does not help here){lasts}"),)
@@ -80,9 +79,9 @@ def _quasi_static(model: ReducedModel, system: ReducedSystem, state: State) -> n
 
 def _strain_energy(system: ReducedSystem, state: State, deformation: np.ndarray) -> float:
     """Return the strain energy of one sample at the start with another deformation, J."""
-    bent = state.copy()
-    bent.q[0, system.tables.n_coordinates :] = deformation
-    return float(system.energies(0.0, bent).strain[0])
+    bent = state.q.copy()
+    bent[0, system.tables.n_coordinates :] = deformation
+    return float(system.strain_energy(bent)[0])
 
 
 def _acting(model: ReducedModel, system: ReducedSystem, state: State) -> list[str]:

@@ -55,6 +55,38 @@ class Turns(NamedTuple):
     modes: Modes
 
 
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def find_turns(motion, looks, hold, middles, places, samples, found):
+    """Find where samples have turned so far that other modes hold; return how often that is.
+
+    Parameters
+    ----------
+    motion
+        Coordinates and velocities after steps, shape (n_t, 2 or more, n, n_eta).
+    looks
+        Which of them are looked at, increasing, shape (n_looks,).
+    hold
+        Angle over which modes hold, rad.
+    middles
+        Coordinates in the middle of that range, shape (n, r); moved on.
+    places, samples, found
+        Results: as of `Turns`, and the middles from there on, of the turn that lies ahead; room for n_looks n of them.
+    """
+    n_turns = 0
+    for look in looks:
+        for b in range(middles.shape[0]):
+            inside = True
+            for c in range(middles.shape[1]):
+                inside &= abs(motion[look, 0, b, c] - middles[b, c]) <= 0.5 * hold
+            if not inside:
+                for c in range(middles.shape[1]):
+                    middles[b, c] = motion[look, 0, b, c] + 0.5 * np.copysign(hold, motion[look, 1, b, c])
+                    found[n_turns, c] = middles[b, c]
+                places[n_turns], samples[n_turns] = look + 1, b
+                n_turns += 1
+    return n_turns
+
+
 class Held(NamedTuple):
     """Modes of n samples as steps take them.
 

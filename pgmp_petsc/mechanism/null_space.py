@@ -130,9 +130,13 @@ class NullSpaces:
 
     def __init__(self, pattern: sp.csr_matrix) -> None:
         self._n_dofs = pattern.shape[1]
-        # the pattern, not the values: orthogonal rows that share unknowns belong together
-        shared = sp.csr_matrix((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
-        n_groups, group_of = connected_components(shared @ shared.T, directed=False)
+        # the pattern, not the values: orthogonal rows that share unknowns belong together. Constraints, and behind them
+        # unknowns, are the nodes of a graph; unknowns that no constraint touches are groups of their own, behind others
+        n, n_rows = sum(pattern.shape), pattern.shape[0]
+        starts = np.append(pattern.indptr, np.full(pattern.shape[1], pattern.nnz))
+        graph = sp.csr_matrix((np.ones(pattern.nnz), pattern.indices + n_rows, starts), (n, n))
+        group_of = connected_components(graph, directed=False)[1][:n_rows]
+        n_groups = int(group_of.max(initial=-1)) + 1
         row_of = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
         self._blocks = []
         for group in range(n_groups):
@@ -161,7 +165,7 @@ class NullSpaces:
 
 def null_space(constraints: sp.csr_matrix) -> NullSpace:
     """Return the null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
-    constraints = sp.csr_matrix(constraints)
+    constraints = constraints.tocsr()
     constraints.sum_duplicates()
     return NullSpaces(constraints).of(constraints.data)
 

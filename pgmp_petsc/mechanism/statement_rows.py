@@ -105,6 +105,8 @@ class StatementRows:
         """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
         trailing = q.shape[1:]
         n = math.prod(trailing)
+        if not size * n:
+            return np.zeros((size, *trailing))
         known = np.zeros((0, n)) if known is None else known
         arrays = (q, q if rates is None else rates, known)
         q, rates, known = (np.ascontiguousarray(part.reshape(len(part), n), dtype=float) for part in arrays)

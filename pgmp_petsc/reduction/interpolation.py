@@ -136,9 +136,12 @@ def _add_rows(theta, axes, derivative, table, result):
     one_axis, rows, weights = stencil_room(), np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
     for k in range(theta.shape[0]):
         tensor_stencil(theta[k], axes, derivative, one_axis, rows, weights)
-        for r in range(n_rows):
+        for r in range(0, n_rows, N_ROWS):  # four in one pass: less to load and to store
+            row_0, row_1, row_2, row_3 = table[rows[r]], table[rows[r + 1]], table[rows[r + 2]], table[rows[r + 3]]
+            w_0, w_1, w_2, w_3 = weights[r], weights[r + 1], weights[r + 2], weights[r + 3]
             for e in range(table.shape[1]):
-                result[k, e] += weights[r] * table[rows[r], e]
+                total = result[k, e] + w_0 * row_0[e] + w_1 * row_1[e]
+                result[k, e] = total + w_2 * row_2[e] + w_3 * row_3[e]
 
 
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:

@@ -256,8 +256,9 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             outputs = model.observed_of(history.q, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
+        start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
         looked = {"watched": watched, "validity": validity, "system": system, "started": start_remarks(system)}
-        return replace(part, recorded={**part.recorded, **looked})
+        return replace(part, recorded={**part.recorded, **looked, "start": start})
 
     part, steps = _furthest(once, model.scene.simulation)
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
@@ -284,7 +285,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     described = _described(
         model, part, frames, comm.size, timings,
         (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
-         *jump_remarks(model, part.recorded["system"], balance.strain), *remarks_of(model.scene, found)),
+         *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
+         *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],

@@ -10,6 +10,7 @@ import pytest
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics import reduced_energy as reduced_energy_module
 from pgmp_petsc.dynamics.reduced_energy import reduced_energy
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_arrays import Layout
@@ -253,6 +254,21 @@ def energies(terms: ReducedTerms, states: list[State]) -> np.ndarray:
     kinetic, strain = reduced_energy(terms, {}, q, v)
     work = np.einsum("ni,ni->n", 1.3 * terms.load(q[:, :2])[:, 0, 2:], q[:, 2:])
     return kinetic + strain - work
+
+
+def test_forms_are_those_of_the_full_tensors() -> None:
+    """Packed symmetric matrices and tensors behind other entries, against sums over all indices."""
+    rng, m = np.random.default_rng(3), 4
+    x, entries = rng.normal(size=(5, m)), rng.normal(size=(5, 40))
+    matrix, tensor = np.zeros((5, m, m)), np.zeros((5, m, m, m))
+    for i, j, k in itertools.product(range(m), repeat=3):
+        i, j, k = sorted((i, j, k), reverse=True)
+        for a, b, c in itertools.permutations((i, j, k)):
+            tensor[:, a, b, c] = entries[:, 7 + i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
+        matrix[:, i, j] = matrix[:, j, i] = entries[:, 3 + i * (i + 1) // 2 + j]
+    found = reduced_energy_module._form(entries, 3, x), reduced_energy_module._cubic_form(entries, 7, x)  # noqa: SLF001
+    np.testing.assert_allclose(found[0], np.einsum("nij,ni,nj->n", matrix, x, x), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[1], np.einsum("nijk,ni,nj,nk->n", tensor, x, x, x), rtol=1e-12, atol=1e-12)
 
 
 def test_energy_is_conserved_over_a_long_run() -> None:

@@ -30,7 +30,8 @@ def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent
 
 def motion_of(model: ReducedModel, states: np.ndarray) -> ReferenceMotion:
     checking = CheckingModel(model)
-    return ReferenceMotion(checking.unknowns_of, states, 1, np.full(3, 3e-3), checking.rotations)
+    n_dofs = checking.full.kinematics.mechanism.n_dofs
+    return ReferenceMotion(checking.unknowns_of, n_dofs, states, 1, np.full(3, 3e-3), checking.rotations)
 
 
 def test_rigid_accelerations(model: ReducedModel) -> None:

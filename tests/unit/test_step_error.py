@@ -11,7 +11,7 @@ from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.flexible_modes import LEAST, FlexibleModes, Modes, _factors
-from pgmp_petsc.indicator.step_error import StepError, Turns
+from pgmp_petsc.indicator.step_error import StepError, Turns, find_turns
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 STEP = 1e-3
@@ -138,6 +138,27 @@ def test_modes_are_taken_on_the_way_as_between_two_calls() -> None:
     for which in range(2):
         joined = np.concatenate([part[which] for part in expected])
         np.testing.assert_array_equal(np.concatenate([part[which] for part in found]), joined)
+
+
+def test_samples_turn_where_they_leave_the_range_of_their_modes() -> None:
+    """Against the definition, look by look; a coordinate that is no number has left any range."""
+    rng, hold = np.random.default_rng(5), 0.03
+    motion = rng.normal(size=(40, 2, 3, 4))
+    motion[:, 0, :, :2] = np.cumsum(0.1 * hold * motion[:, 1, :, :2], axis=0)
+    motion[30:, 0, 2, 1] = np.nan
+    looks, middles = np.arange(3, 40, 4), 0.3 * hold * rng.normal(size=(3, 2))
+    expected, here = [], middles.copy()
+    for look in looks:
+        for sample in range(3):
+            theta, rate = motion[look, :, sample, :2]
+            if not (np.abs(theta - here[sample]) <= 0.5 * hold).all():
+                here[sample] = theta + 0.5 * np.copysign(hold, rate)
+                expected.append((look + 1, sample, *here[sample]))
+    room = np.empty(30, dtype=np.int64), np.empty(30, dtype=np.int64), np.empty((30, 2))
+    n = find_turns(motion, looks, hold, middles, *room)
+    assert 5 < n < 30
+    np.testing.assert_array_equal(np.column_stack([part[:n] for part in room]), expected)
+    np.testing.assert_array_equal(middles, here)
 
 
 def test_a_prescribed_coordinate_whose_acceleration_jumps_gives_the_impulse_of_its_speed() -> None:

@@ -22,6 +22,7 @@ from runs import (
 from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.dynamics import generalised_alpha
+from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.origin import Origin
@@ -305,11 +306,13 @@ def test_estimates_move_with_round_off_by_little(model: ReducedModel, monkeypatc
     """
     values, rng, begin = draw(model.scene, SEED, 0, 3), np.random.default_rng(SEED), ReferenceMotion.__init__
 
-    def moved(self: ReferenceMotion, unknowns: object, states: np.ndarray, r: int, *scales: np.ndarray) -> None:
+    def moved(
+        self: ReferenceMotion, unknowns: object, n_dofs: int, states: np.ndarray, r: int, *scales: np.ndarray
+    ) -> None:
         theta = states[:, 0, :, :r]
         states = states.copy()
         states[:, 0, :, :r] = np.nextafter(theta, theta + rng.choice([-1.0, 0.0, 1.0], theta.shape))
-        begin(self, unknowns, states, r, *scales)
+        begin(self, unknowns, n_dofs, states, r, *scales)
 
     expected = estimated(model, values, 3).largest
     monkeypatch.setattr(ReferenceMotion, "__init__", moved)
@@ -317,6 +320,15 @@ def test_estimates_move_with_round_off_by_little(model: ReducedModel, monkeypatc
     for name, largest in expected.items():
         np.testing.assert_allclose(found[name], largest, rtol=2e-5, err_msg=name)
         assert (found[name] != largest).any(), name
+
+
+def test_estimates_are_those_of_long_steps_one_by_one(model: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many steps in one call are the same steps, to the last bit."""
+    values = draw(model.scene, SEED, 0, 3)
+    expected = estimated(model, values, 3).largest
+    monkeypatch.setattr(AlphaStep, "advance_far", lambda self, previous, auxiliary, ends, *_: (ends[:0], None))
+    for name, largest in estimated(model, values, 3).largest.items():
+        np.testing.assert_array_equal(largest, expected[name], err_msg=name)
 
 
 def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:

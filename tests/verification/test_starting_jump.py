@@ -85,11 +85,12 @@ def test_shares_are_those_of_the_quasi_static_deformation(text: str, energy: flo
     """Six modes of 24 elements leave 0.5 % of the energies: elements 1 / n^2 and the modes beyond."""
     model = reduced(text)
     system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    start = system.start()
     for share in (0.6, 0.8):
-        (remark,) = jump_remarks(model, system, np.array([0.0, energy * (2.0 / share) ** 2]))
+        (remark,) = jump_remarks(model, system, start, np.array([0.0, energy * (2.0 / share) ** 2]))
         assert f"makes {100 * share:.0f} % of its largest deformation" in remark.text
-    assert jump_remarks(model, system, np.array([0.0, energy * (2.0 / 0.49) ** 2])) == ()
-    assert jump_remarks(model, system, np.zeros(2)) == ()
+    assert jump_remarks(model, system, start, np.array([0.0, energy * (2.0 / 0.49) ** 2])) == ()
+    assert jump_remarks(model, system, start, np.zeros(2)) == ()
 
 
 def test_a_bar_that_is_held_is_warned_of_and_cured() -> None:
