@@ -200,21 +200,26 @@ class Bench:
         """Return the errors of a candidate under one load, its end stops a factor as stiff."""
         return self._errors_in(trial, load, with_softer_stops(self._load(load).of(self.scene), factor))
 
-    def moved_from_rest(self, coarse: int, fine: int, load: str, sample: int) -> np.ndarray:
-        """Return how far full-order runs of one sample are apart that start at rest where the loads pull it; shape
-        (n_outputs,), infinite where there is no such start."""
-        found = np.full(len(self.outputs), np.inf)
+    def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what halving the step moves of one full-order sample that starts at rest where the loads pull it, and
+        the candidate's error from there; each of shape (n_outputs,), infinite where there is no such start."""
+        endless = np.full((2, len(self.outputs)), np.inf)
         rest = {"initial": Initial(equilibrium=True, coordinates="free")}
         scene = self._load(load).of(self.scene).model_copy(update=rest)
         values = {name: column[sample : sample + 1] for name, column in self.training.values.items()}
+        found, rom, n_steps = endless, self.rom_of(trial), trial.n_steps
         try:
             with agreed(self.comm, "runs from rest"):
                 if load in self._own((load,)):
-                    runs = [run_history(self.full_model.with_loads(scene), values, 1, n) for n in (coarse, fine)]
-                    found = errors_between(*runs, self._floors)[:, 0]
+                    full = self.full_model.with_loads(scene)
+                    reduced = self._reduced_model(rom, trial.reduction).with_loads(scene)
+                    exact = run_history(full, values, 1, n_steps)
+                    others = run_history(full, values, 1, 2 * n_steps), run_history(reduced, values, 1, n_steps)
+                    found = np.array([errors_between(other, exact, self._floors)[:, 0] for other in others])
         except PgmpError:
-            return np.full(len(self.outputs), np.inf)
-        return np.min(self.comm.allgather(np.where(np.isnan(found), np.inf, found)), axis=0)
+            return tuple(endless)
+        every = self.comm.allgather(np.where(np.isnan(found), np.inf, found))
+        return tuple(np.min(every, axis=0))
 
     def _errors_in(self, trial: Trial, load: str, scene: Scene) -> Errors:
         """Return the errors of a candidate under one load as another scene has it, and its local effects."""

@@ -173,13 +173,15 @@ def _of_stops(bench: Bench, trial: Trial, allowed: float) -> list[str]:
     stops = stops_of(bench.scene)
     if not stops:
         return []
-    soft = bench.softened(trial, trial.errors.loads[trial.errors.place[0]], SOFTER).largest
-    if not soft <= FELL * trial.errors.largest:
+    load, output, sample = trial.errors.place
+    soft = bench.softened(trial, trial.errors.loads[load], SOFTER)
+    left = soft.values[0, output, sample]
+    if not left <= FELL * trial.errors.largest:
         return []
-    enough = "take softer ones" if soft <= allowed else f"more than the {allowed:.2g} that are allowed"
+    enough = ": take softer ones" if soft.largest <= allowed else f", and of all outputs {soft.largest:.2g}"
     return [
         f"impacts on {' and '.join(f'effects.{name}' for name in stops)} set off vibrations that no larger basis "
-        f"follows: stops {SOFTER:g} times as stiff leave {soft:.2g}, {enough}"
+        f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {trial.errors.outputs[output]}{enough}"
     ]
 
 
@@ -213,13 +215,12 @@ def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list
     sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
     cures = []
     if weights:
-        n_steps = trial.n_steps
-        left = bench.moved_from_rest(n_steps, 2 * n_steps, trial.errors.loads[load], sample)[output]
-        if left <= FELL * unresolved:
+        moved, left = (of[output] for of in bench.from_rest(trial, trial.errors.loads[load], sample))
+        if moved <= FELL * unresolved:
             cures.append(
                 f"{_effects(weights)} at once at the start, on bodies that are not at rest under it: "
-                'initial = { equilibrium = true, coordinates = "free" } starts where they are, and halving the step '
-                f"then moves {left:.2g}"
+                'initial = { equilibrium = true, coordinates = "free" } starts where they are, halving the step then '
+                f"moves {moved:.2g}, and the same basis leaves {left:.2g}"
             )
     if sudden:
         cures.append(f"{_effects(sudden)} at once at the start: let what acts over time begin at zero")

@@ -87,8 +87,8 @@ class Known:
     def softened(self, trial: Trial, load: str, factor: float) -> Errors:
         return errors_of((trial.errors.largest,))
 
-    def moved_from_rest(self, coarse: int, fine: int, load: str, sample: int) -> np.ndarray:
-        return np.array([1e-9])
+    def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([1e-9]), np.array([2e-3])
 
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         return errors_of((trial.errors.largest,))
@@ -200,8 +200,8 @@ STOP = "effects.wall={type='end_stop', joint='slider', upper=0.99, stiffness=2e4
 @pytest.mark.parametrize(
     ("soft", "words"),
     [
-        (1e-3, "stops 0.1 times as stiff leave 0.001, take softer ones"),
-        (8e-3, "stops 0.1 times as stiff leave 0.008, more than the 0.0045 that are allowed"),
+        (1e-3, "stops 0.1 times as stiff leave 0.001 of x: take softer ones"),
+        (8e-3, "stops 0.1 times as stiff leave 0.008 of x, and of all outputs 0.008"),
         (2e-2, "too large for the terms of first and second order"),
     ],
 )
@@ -313,6 +313,7 @@ def test_what_sets_in_at_once_is_named_where_vibrations_are_the_cause(
     with pytest.raises(InputError, match="vibrations that the step does not resolve") as raised:
         choice(bench).run()
     assert ("effects.weight acts at once at the start" in str(raised.value)) == weight
+    assert ("halving the step then moves 1e-09, and the same basis leaves 0.002" in str(raised.value)) == weight
     assert (
         "effects.motor acts at once at the start: let what acts over time begin at zero" in str(raised.value)
     ) == motor
@@ -324,7 +325,7 @@ def test_a_start_at_rest_is_not_proposed_where_the_step_misses_as_much_from_ther
     bench = Known(lambda reduction: 0.03)
     bench.scene = slider_crank("reduction={tolerance=1e-2}", GRAVITY)
     monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.7,)))
-    monkeypatch.setattr(bench, "moved_from_rest", lambda *_: np.array([0.5]))
+    monkeypatch.setattr(bench, "from_rest", lambda *_: (np.array([0.5]), np.array([2e-3])))
     with pytest.raises(InputError, match="vibrations that the step does not resolve") as raised:
         choice(bench).run()
     assert "initial = {" not in str(raised.value)
