@@ -5,8 +5,8 @@
 
 The second form takes any scene with its own reduction and loads. The reference is the mesh, or the component model where
 the mesh is dear, with the smallest steps that are predicted to stay within the scene's ``reference.budget``; which it
-is, and how far the component model is from the mesh, is said before anything runs. ``--reference`` and ``--refinement``
-take what they name at any price.
+is, and how far the component model is from the mesh, is said before anything runs. ``--reference`` takes the model that
+it names at any price.
 
 The true error of a reduced run is its largest distance over time from a run of the reference, the full-order model,
 whose step is `refinement` times smaller. The effectivity is the largest estimated error over that; the table shows its
