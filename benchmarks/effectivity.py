@@ -3,10 +3,10 @@
     python -m benchmarks.effectivity scenes/slider_crank.toml [--samples 200] [--refinement 128]
     python -m benchmarks.effectivity SCENE --as-it-is [--reference components] [--override KEY=VALUE ...]
 
-The second form takes any scene with its own reduction and loads. The reference is the mesh, or the component model where
-the mesh is dear, with the smallest steps that are predicted to stay within the scene's ``reference.budget``; which it
-is, and how far the component model is from the mesh, is said before anything runs. ``--reference`` takes the model that
-it names at any price.
+The second form takes any scene with its own reduction and loads. The reference is the mesh, or the component model
+where the mesh is dear, with the smallest steps that are predicted to stay within the scene's ``reference.budget``;
+which it is, and how far the component model is from the mesh, is said before anything runs. ``--reference`` takes the
+model that it names at any price.
 
 The true error of a reduced run is its largest distance over time from a run of the reference, the full-order model,
 whose step is `refinement` times smaller. The effectivity is the largest estimated error over that; the table shows its
