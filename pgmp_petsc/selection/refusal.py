@@ -111,7 +111,7 @@ def refuse_basis(
             "simulation.step, or let simulation.tolerance choose it"
         )
     else:
-        impacts = _of_stops(bench, trial, allowed["basis"])
+        impacts = _of_stops(bench, trial)
         causes += impacts
         # half the load may not reach a stop, and then tells nothing of the deformation
         if half <= FELL * errors.largest and not impacts:
@@ -168,7 +168,7 @@ def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
     return causes
 
 
-def _of_stops(bench: Bench, trial: Trial, allowed: float) -> list[str]:
+def _of_stops(bench: Bench, trial: Trial) -> list[str]:
     """Return what softer end stops tell of the cause: impacts shake bodies faster than bases follow."""
     stops = stops_of(bench.scene)
     if not stops:
@@ -178,10 +178,10 @@ def _of_stops(bench: Bench, trial: Trial, allowed: float) -> list[str]:
     left = soft.values[0, output, sample]
     if not left <= FELL * trial.errors.largest:
         return []
-    enough = ": take softer ones" if soft.largest <= allowed else f", and of all outputs {soft.largest:.2g}"
     return [
         f"impacts on {' and '.join(f'effects.{name}' for name in stops)} set off vibrations that no larger basis "
-        f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {trial.errors.outputs[output]}{enough}"
+        f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {trial.errors.outputs[output]} "
+        f"under load '{trial.errors.loads[load]}', and {soft.largest:.2g} of all outputs"
     ]
 
 
