@@ -3,8 +3,10 @@
     python -m benchmarks.effectivity scenes/slider_crank.toml [--samples 200] [--refinement 128]
     python -m benchmarks.effectivity SCENE --as-it-is [--reference components] [--override KEY=VALUE ...]
 
-The second form takes any scene with its own reduction and loads; where a mesh is dear, its samples may be compared with
-the component model.
+The second form takes any scene with its own reduction and loads. The reference is the mesh, or the component model
+where the mesh is dear, with the smallest steps that are predicted to stay within the scene's ``reference.budget``;
+which it is, and how far the component model is from the mesh, is said before anything runs. ``--reference`` takes the
+model that it names at any price.
 
 The true error of a reduced run is its largest distance over time from a run of the reference, the full-order model,
 whose step is `refinement` times smaller. The effectivity is the largest estimated error over that; the table shows its
@@ -34,11 +36,12 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.experiments.reference import Demand, choose_reference, component_model, distance_from_mesh
+from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
@@ -68,7 +71,8 @@ TORQUES = {
 }
 FACTOR = 3.0
 SEED = 123
-REFINEMENT = 128
+REFINEMENT, LEAST_REFINEMENT = 128, 4
+ALL_RUNS = 1.5  # times those with the smallest steps: as many have twice the step
 N_TIMED = 3
 COSTED = 32  # samples, at most, that costs are taken of
 AT_ONCE = 20  # samples of the reference that are run, and kept, together
@@ -275,6 +279,40 @@ class Case:
         return component_model(scene, meshes, MPI.COMM_SELF) if self.components else FullModel(scene, meshes)
 
 
+def within_budget(case: Case, n_samples: int, refinement: int | None) -> tuple[Case, int, str]:
+    """Choose the mesh or the component model, and how small its steps are; return why, too.
+
+    Parameters
+    ----------
+    n_samples
+        Samples of every torque.
+    refinement
+        What is given; by default as fine as the budget allows, `REFINEMENT` at most.
+
+    Raises
+    ------
+    InputError
+        If no reference is within ``reference.budget`` with the least refinement.
+    """
+    scene, meshes = case.read((), Purpose.BUILD)
+    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    runs = ALL_RUNS * n_samples * len(case.torques) * n_steps
+    least = LEAST_REFINEMENT if refinement is None else refinement
+    cases = f"{n_samples} samples with steps {least} times smaller"
+    cure = "shorten simulation.duration, or take fewer --samples"
+    demand = Demand("--samples", runs * least, cases, cure, scene.reduction.modes)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        kinematics = Subject.of(scene, meshes, group, scene.reduction.modes).kinematics
+    found = choose_reference(scene, meshes, kinematics, demand, MPI.COMM_SELF)
+    values = draw(scene, SEED, 0, 1)
+    found = distance_from_mesh(found, meshes, values, 1, n_steps, MPI.COMM_SELF)
+    if refinement is None:
+        refinement, budget = REFINEMENT, scene.reference.budget
+        while refinement > LEAST_REFINEMENT and runs * refinement * found.price.step > budget:
+            refinement //= 2
+    return replace(case, components=not found.is_mesh), refinement, f"{found.why}; steps {refinement} times smaller"
+
+
 def measure(case: Case, n_samples: int, refinement: int, seed: int = SEED) -> tuple[list[Effectivity], list[Cost]]:
     """Measure the effectivity of settings and torques, and costs with the first torque."""
     comm, results, times = MPI.COMM_SELF, [], []
@@ -351,8 +389,13 @@ def print_tables(given: argparse.Namespace) -> None:
         case = replace(case, settings=(AS_IT_IS,), torques=(AS_IT_IS,))
     elif given.torque:
         case = replace(case, torques=tuple(given.torque))
-    results, times = measure(case, given.samples, given.refinement, given.seed)
-    print(table(results, given.samples, given.refinement).markdown(), end="\n\n")
+    refinement = given.refinement
+    if given.reference == "auto":
+        case, refinement, why = within_budget(case, given.samples, refinement)
+        print(why, end="\n\n", flush=True)
+    refinement = refinement or REFINEMENT
+    results, times = measure(case, given.samples, refinement, given.seed)
+    print(table(results, given.samples, refinement).markdown(), end="\n\n")
     print(cost_table(times, min(given.samples, COSTED)).markdown())
 
 
@@ -362,17 +405,17 @@ def main() -> int:
     words = "a scene; with a torque called 'motor' unless it is taken as it is"
     parser.add_argument("scene", type=Path, help=words)
     parser.add_argument("--as-it-is", action="store_true", help="with its own reduction and loads")
-    words = "model that true errors are measured against"
-    parser.add_argument("--reference", choices=("full", "components"), default="full", help=words)
+    words = "model that true errors are measured against; by default the mesh where it is within reference.budget"
+    parser.add_argument("--reference", choices=("auto", "full", "components"), default="auto", help=words)
     parser.add_argument("--override", action="append", default=[], metavar="KEY=VALUE", help="of the scene")
     parser.add_argument("--samples", type=int, default=200, metavar="N")
-    words = "steps of the reference in one of the scene; even"
-    parser.add_argument("--refinement", type=int, default=REFINEMENT, metavar="K", help=words)
+    words = f"steps of the reference in one of the scene; even; by default what the budget allows, up to {REFINEMENT}"
+    parser.add_argument("--refinement", type=int, metavar="K", help=words)
     parser.add_argument("--seed", type=int, default=SEED, metavar="S", help="of the samples")
     parser.add_argument("--torque", action="append", choices=TORQUES, default=[])
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for runs of the reference; taken up from there")
     given = parser.parse_args()
-    if given.refinement < 2 or given.refinement % 2:
+    if given.refinement is not None and (given.refinement < 2 or given.refinement % 2):
         parser.error(f"--refinement {given.refinement}: must be even, because runs with half of it are compared")
     start_petsc()
     return guarded(lambda: print_tables(given))

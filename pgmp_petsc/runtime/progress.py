@@ -64,7 +64,7 @@ class Lines:
     Parameters
     ----------
     total
-        Units of work.
+        Units of work; None where it is not known before: a search ends when it ends.
     description
         What is counted.
     stream
@@ -77,7 +77,7 @@ class Lines:
 
     def __init__(
         self,
-        total: int,
+        total: int | None,
         description: str,
         stream: TextIO,
         initial: int = 0,
@@ -105,7 +105,7 @@ class Lines:
             elapsed = now - self._start
             self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
             done = self._done - self._initial
-            left = self._total - self._done
+            left = 0 if self._total is None else self._total - self._done
             rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
             self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
 
@@ -118,7 +118,7 @@ class Lines:
     ) -> None:
         self._ended.set()
         # the last line of a log says that the work came to its end
-        if 0 <= self._said < self._done >= self._total and kind is None:
+        if 0 <= self._said < self._done >= (self._total or 0) and kind is None:
             self._say(_words(self._clock() - self._start))
 
     def _watch(self) -> None:
@@ -127,15 +127,18 @@ class Lines:
 
     def _say(self, times: str) -> None:
         self._said = self._done
+        of = "" if self._total is None else f" of {self._total}"
         try:
-            print(f"{self._description}: {self._done} of {self._total}, {times}", file=self._stream, flush=True)
+            print(f"{self._description}: {self._done}{of}, {times}", file=self._stream, flush=True)
         except OSError:
             # whoever read stderr has gone, or its disk is full: no reason to end the work
             self._next = float("inf")
 
 
-def progress(total: int, description: str, comm: MPI.Comm, initial: int = 0) -> Progress:
+def progress(total: int | None, description: str, comm: MPI.Comm, initial: int = 0) -> Progress:
     """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective.
+
+    Where the total is not known before (None), it says what is done, and not how much is left.
 
     Rank 0 shows a bar if stderr is a terminal, else a line now and then; the other ranks show nothing.
     """

@@ -28,9 +28,10 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
-from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Initial, Reduction
 from pgmp_petsc.selection.shelf import Shelf
-from pgmp_petsc.selection.training import Training
+from pgmp_petsc.selection.training import Load, Training, with_softer_stops
 from pgmp_petsc.selection.trial import Errors, Trial
 
 SMALL = 2.5e-4  # s of a step of a sample of the reference, for runs that are not needed for the choice itself
@@ -193,16 +194,46 @@ class Bench:
 
     def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
         """Return the errors of a candidate under one load times a factor."""
-        variant = next(item for item in self.training.loads if item.name == load)
+        return self._errors_in(trial, load, self._load(load).of(self.scene, factor))
+
+    def softened(self, trial: Trial, load: str, factor: float) -> Errors:
+        """Return the errors of a candidate under one load, its end stops a factor as stiff."""
+        return self._errors_in(trial, load, with_softer_stops(self._load(load).of(self.scene), factor))
+
+    def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what halving the step moves of one full-order sample that starts at rest where the loads pull it, and
+        the candidate's error from there; each of shape (n_outputs,), infinite where there is no such start."""
+        endless = np.full((2, len(self.outputs)), np.inf)
+        rest = {"initial": Initial(equilibrium=True, coordinates="free")}
+        scene = self._load(load).of(self.scene).model_copy(update=rest)
+        values = {name: column[sample : sample + 1] for name, column in self.training.values.items()}
+        found, rom, n_steps = endless, self.rom_of(trial), trial.n_steps
+        try:
+            with agreed(self.comm, "runs from rest"):
+                if load in self._own((load,)):
+                    full = self.full_model.with_loads(scene)
+                    reduced = self._reduced_model(rom, trial.reduction).with_loads(scene)
+                    exact = run_history(full, values, 1, n_steps)
+                    others = run_history(full, values, 1, 2 * n_steps), run_history(reduced, values, 1, n_steps)
+                    found = np.array([errors_between(other, exact, self._floors)[:, 0] for other in others])
+        except PgmpError:
+            return tuple(endless)
+        every = self.comm.allgather(np.where(np.isnan(found), np.inf, found))
+        return tuple(np.min(every, axis=0))
+
+    def _errors_in(self, trial: Trial, load: str, scene: Scene) -> Errors:
+        """Return the errors of a candidate under one load as another scene has it, and its local effects."""
         found: dict[str, tuple[History, History]] = {}
         rom = self.rom_of(trial)
         with agreed(self.comm, "runs under another load"):
             if load in self._own((load,)):
-                scene = variant.of(self.scene, factor)
                 full = self._history(self.full_model.with_loads(scene), trial.n_steps)
                 reduced = self._reduced_model(rom, trial.reduction).with_loads(scene)
                 found[load] = (self._history(reduced, trial.n_steps), full)
         return self._gather((load,), found.__getitem__)
+
+    def _load(self, name: str) -> Load:
+        return next(load for load in self.training.loads if load.name == name)
 
     @property
     def most_steps(self) -> float:
@@ -303,8 +334,7 @@ class Bench:
         kept = None if self._finished is None else self._finished.get("reference", task)
         if kept is not None:
             return History.of_arrays(kept)
-        load = next(item for item in self.training.loads if item.name == name)
-        history = self._history(self.full_model.with_loads(load.of(self.scene)), n_steps)
+        history = self._history(self.full_model.with_loads(self._load(name).of(self.scene)), n_steps)
         if self._finished is not None:
             self._finished.put("reference", task, history.arrays)
         return history

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     import h5py
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
-USUAL_RUNS = 20  # of the bench, for the progress bar
 PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
 
@@ -112,7 +111,7 @@ def choose(
     with timings.phase("components"):
         n_modes = modes_to_condense(scene)
         subject = Subject.of(scene, meshes, group, n_modes)
-    with timings.phase("selection"), progress(USUAL_RUNS, "choosing", group.world) as bar:
+    with timings.phase("selection"), progress(None, "choosing, tried so far", group.world) as bar:
         period = subject.first_period(group)
         reference = choose_reference(
             scene, meshes, subject.kinematics, _demand(scene, training, period, n_modes, entry), group.world

@@ -9,14 +9,14 @@ from typing import Any, NoReturn
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Force, Gravity, Torque
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ledger import Ledger
-from pgmp_petsc.selection.training import sets_in_at_once
+from pgmp_petsc.selection.training import sets_in_at_once, stops_of
 from pgmp_petsc.selection.trial import Trial
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
+SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause
 UNRESOLVED = 5.0  # times the error, moved by halving the step: no basis can be judged with it
 PARTS = {
     "basis": "the basis",
@@ -111,18 +111,21 @@ def refuse_basis(
             "simulation.step, or let simulation.tolerance choose it"
         )
     else:
-        if half <= FELL * errors.largest:
+        impacts = _of_stops(bench, trial)
+        causes += impacts
+        # half the load may not reach a stop, and then tells nothing of the deformation
+        if half <= FELL * errors.largest and not impacts:
             causes.append(
                 "the deformation is too large for the terms of first and second order that a reduced model has"
             )
-        other = [] if rival is None else _of_rival(bench, rival, half)
+        other = [] if rival is None or impacts else _of_rival(bench, rival, half)
         causes += other
         # where a larger basis fails by the deformation, it is not the modes that miss these values
         if nominal <= FELL * errors.largest and not other:
             causes.append("the modes are those of nominal parameters, and these values are too far from them")
         if unresolved > UNRESOLVED * errors.largest:
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
-            causes += _cure_of_sudden_loads(bench.scene)
+            causes += _cure_of_sudden_loads(bench, trial, unresolved)
     if not causes and unresolved > tolerance:
         causes.append(
             f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
@@ -130,10 +133,7 @@ def refuse_basis(
         )
     if causes:
         hints.append("; ".join(causes))
-    own = bench.training.loads[0].name
-    if name != own and own in errors.loads:
-        left = np.nanmax(errors.values[errors.loads.index(own)])
-        hints.append(f"the scene's own loads leave {left:.2g}: {OWN_LOADS}")
+    hints += _of_own_loads(bench, trial, rival, allowed["basis"])
     mesh = bench.finer_meshes(n_steps)
     if mesh is not None and mesh.by_output[output] > tolerance:
         hints.append(
@@ -168,18 +168,60 @@ def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
     return causes
 
 
-def _cure_of_sudden_loads(scene: Scene) -> list[str]:
-    """Return what sets in at once at the start, and what spares the bodies that jolt."""
-    rests = scene.initial.equilibrium and scene.initial.coordinates == "free"
+def _of_stops(bench: Bench, trial: Trial) -> list[str]:
+    """Return what softer end stops tell of the cause: impacts shake bodies faster than bases follow."""
+    stops = stops_of(bench.scene)
+    if not stops:
+        return []
+    load, output, sample = trial.errors.place
+    soft = bench.softened(trial, trial.errors.loads[load], SOFTER)
+    left = soft.values[0, output, sample]
+    if not left <= FELL * trial.errors.largest:
+        return []
+    return [
+        f"impacts on {' and '.join(f'effects.{name}' for name in stops)} set off vibrations that no larger basis "
+        f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {trial.errors.outputs[output]} "
+        f"under load '{trial.errors.loads[load]}', and {soft.largest:.2g} of all outputs"
+    ]
+
+
+def _of_own_loads(bench: Bench, trial: Trial, rival: Trial | None, allowed: float) -> list[str]:
+    """Return what the scene's own loads leave where others are worse, and whether it helps to try no others."""
+    own = bench.training.loads[0].name
+    if trial.errors.loads[trial.errors.place[0]] == own or own not in trial.errors.loads:
+        return []
+    tried = [trial] if rival is None else [trial, bench.go_on(rival, (own,))]
+    left, k = min((np.nanmax(each.errors.values[each.errors.loads.index(own)]), k) for k, each in enumerate(tried))
+    if not left <= allowed:
+        return [f"the scene's own loads alone leave {left:.2g} too"]
+    kind = tried[k].reduction
+    which = "" if k == 0 else f' with {kind.modes} modes and stretching = "{kind.stretching}"'
+    return [f"the scene's own loads leave {left:.2g}{which}: {OWN_LOADS}"]
+
+
+def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list[str]:
+    """Return what sets in at once at the start, and what spares the bodies that jolt.
+
+    Parameters
+    ----------
+    unresolved
+        What halving the step moves; a start at rest is proposed where it moves much less with that.
+    """
+    scene, (load, output, sample) = bench.scene, trial.errors.place
+    moving = any(state.velocity != 0.0 for state in scene.simulation.initial.values())
+    rests = moving or scene.initial.equilibrium and scene.initial.coordinates == "free"
     weights = [] if rests else [name for name, effect in scene.effects.items() if isinstance(effect, Gravity)]
     acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, (Torque, Force))}
     sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
     cures = []
     if weights:
-        cures.append(
-            f"{_effects(weights)} at once at the start, on bodies that are not at rest under it: "
-            'initial = { equilibrium = true, coordinates = "free" } starts where they are'
-        )
+        moved, left = (of[output] for of in bench.from_rest(trial, trial.errors.loads[load], sample))
+        if moved <= FELL * unresolved:
+            cures.append(
+                f"{_effects(weights)} at once at the start, on bodies that are not at rest under it: "
+                'initial = { equilibrium = true, coordinates = "free" } starts where they are, halving the step then '
+                f"moves {moved:.2g}, and the same basis leaves {left:.2g}"
+            )
     if sudden:
         cures.append(f"{_effects(sudden)} at once at the start: let what acts over time begin at zero")
     return cures

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Force, PrescribedMotion, Torque
+from pgmp_petsc.scene.effects import EndStop, Force, PrescribedMotion, Torque
 from pgmp_petsc.scene.time_functions import LoadHarmonic
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
@@ -127,6 +127,20 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
         about = f"the scene's {_kinds(acting.values(), 's')} {HASTE:g} times as fast"
         loads.append(Load("quick", about + OF_REDUCTION, quick, False))
     return tuple(loads)
+
+
+def stops_of(scene: Scene) -> list[str]:
+    """Return the end stops whose stiffness is a number."""
+    stops = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, EndStop)}
+    return [name for name, effect in stops.items() if not isinstance(effect.stiffness, str)]
+
+
+def with_softer_stops(scene: Scene, factor: float) -> Scene:
+    """Return the scene with its end stops a factor as stiff."""
+    effects = scene.plain_effects
+    for name in stops_of(scene):
+        effects[name] = effects[name].model_copy(update={"stiffness": factor * effects[name].stiffness})
+    return scene.model_copy(update={"effects": effects})
 
 
 def sets_in_at_once(function: OverTime) -> bool:

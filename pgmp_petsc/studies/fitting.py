@@ -36,7 +36,6 @@ from pgmp_petsc.studies.sensitivities import contact_remarks
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-USUAL_RUNS = 20  # what the count of runs begins with; a fit ends when it ends
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
@@ -85,7 +84,7 @@ def fit(
         names = _names(model.scene, asked)
         _check(history, names, noise)
         if comm.rank == 0:
-            with progress(USUAL_RUNS, "runs of the fit", comm) as bar:
+            with progress(None, "runs of the fit", comm) as bar:
                 found = _Fitting(model, history, names, noise, bar.update).result(comm.size)
     return found
 

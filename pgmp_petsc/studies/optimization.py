@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 MOST_ITERATIONS = 200
-USUAL_DESIGNS = 20  # what the count of runs begins with; a search ends when it ends
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
@@ -106,7 +105,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     timings = Timings()
     with agreed(comm, "samples"):
         figures = _Figures(model, question, comm)
-    with timings.phase("design"), progress(USUAL_DESIGNS * figures.n_samples, "runs of designs", comm) as bar:
+    with timings.phase("design"), progress(None, "runs of designs", comm) as bar:
         figures.count = bar.update
         scale, start = figures.scale, figures.start
         first = figures.at(start)

@@ -71,6 +71,19 @@ REFUSED = {
             "simulation.step = 0.001 is kept as given; leave it out to have it chosen",
         ),
     ),
+    "gravity at once, and impacts": (
+        (
+            "reduction={tolerance=1e-4, %s}" % PLAIN,
+            "simulation={duration=0.15, step=1e-3, initial={theta={position=1.0}}}",
+            "effects.weight={type='gravity'}",
+            "effects.wall={type='end_stop', joint='slider', upper=0.86, stiffness=1e5}",
+        ),
+        (
+            "effects.weight acts at once at the start",
+            "starts where they are, halving the step then moves 0.00",
+            "and the same basis leaves 0.00",
+        ),
+    ),
     "no outputs": (
         ("reduction={tolerance=1e-3}", "outputs={}"),
         ("reduction.tolerance: errors are those of outputs, and the scene has none",),
@@ -82,7 +95,7 @@ def arguments(case: str, folder: Path) -> list[str]:
     return ["build", str(PAPER_SCENE), "-o", str(folder / "rom.h5"), *overridden(*REFUSED[case][0])]
 
 
-@pytest.mark.parametrize(("n_ranks", "cases"), [(1, tuple(REFUSED)), (3, ("basis", "step", "no outputs"))])
+@pytest.mark.parametrize(("n_ranks", "cases"), [(1, tuple(REFUSED)), (3, ("basis", "step", "gravity at once, and impacts", "no outputs"))])
 def test_the_message_says_what_stands_in_the_way(
     mpirun: Callable, tmp_path: Path, n_ranks: int, cases: tuple[str, ...]
 ) -> None:

@@ -110,6 +110,15 @@ def test_long_work_says_how_far_it_is() -> None:
     assert clock.lines()[-1] == "full samples: 1000 of 1000, 100 s", "the log says that it came to its end"
 
 
+def test_a_search_says_what_is_done_and_not_how_much_is_left() -> None:
+    clock = Clock()
+    with Lines(None, "comparisons", clock.stream, clock=clock) as count:
+        for _ in range(83):
+            clock.now += 0.2
+            count.update()
+    assert clock.lines() == ["comparisons: 25, 5 s", "comparisons: 75, 15 s", "comparisons: 83, 17 s"]
+
+
 def test_lines_become_seldom_but_not_rarer_than_one_a_minute() -> None:
     clock = Clock()
     bar = Lines(100_000, "samples", clock.stream, clock=clock)

@@ -84,6 +84,12 @@ class Known:
     def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
         return errors_of((0.25 * trial.errors.largest,))
 
+    def softened(self, trial: Trial, load: str, factor: float) -> Errors:
+        return errors_of((trial.errors.largest,))
+
+    def from_rest(self, trial: Trial, load: str, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([1e-9]), np.array([2e-3])
+
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         return errors_of((trial.errors.largest,))
 
@@ -156,10 +162,60 @@ def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
         "too large for the terms of first and second order",
         "the mesh itself leaves more than the tolerance: cells cut in two would move x by 0.02",
         "a tolerance of 7.0e-02",
-        'the scene\'s own loads leave 0.015: reference.loads = "own" tries no others',
+        "the scene's own loads alone leave 0.015 too",
     ):
         assert words in message, message
     assert len(bench.tried) < 25, "a search without progress ends"
+
+
+def test_the_own_loads_alone_are_offered_where_they_leave_little_enough() -> None:
+    """They leave half: 3.6e-3 of the best basis, and 4.5e-3 are allowed."""
+    with pytest.raises(InputError) as raised:
+        choice(Known(lambda reduction: 7e-3)).run()
+    assert 'the scene\'s own loads leave 0.0036: reference.loads = "own" tries no others' in str(raised.value)
+
+
+def test_the_own_loads_are_offered_with_the_other_kind_of_stretching_where_that_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Known(beyond_second_order)
+
+    def go_on(trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
+        if len(trial.errors.loads) == 2:
+            return trial
+        found = bench.try_out(trial.reduction, trial.n_steps)
+        own = 4e-3 if trial.reduction.stretching == "dynamic" else 9e-3
+        return replace(found, errors=errors_of((own, found.errors.values[1, 0, 0])))
+
+    monkeypatch.setattr(bench, "go_on", go_on)
+    with pytest.raises(InputError) as raised:
+        choice(bench).run()
+    words = 'the scene\'s own loads leave 0.004 with 29 modes and stretching = "dynamic": reference.loads = "own"'
+    assert words in str(raised.value), str(raised.value)
+
+
+STOP = "effects.wall={type='end_stop', joint='slider', upper=0.99, stiffness=2e4}"
+
+
+@pytest.mark.parametrize(
+    ("soft", "words"),
+    [
+        (1e-3, "stops 0.1 times as stiff leave 0.001 of x under load 'quick', and 0.001 of all outputs"),
+        (2e-2, "too large for the terms of first and second order"),
+    ],
+)
+def test_impacts_are_told_from_a_deformation_that_is_too_large(
+    monkeypatch: pytest.MonkeyPatch, soft: float, words: str
+) -> None:
+    """Half the load leaves a quarter in all cases: it may not reach the stop."""
+    bench = Known(lambda reduction: 0.03)
+    bench.scene = slider_crank("reduction={tolerance=1e-2}", STOP)
+    monkeypatch.setattr(bench, "softened", lambda *_: errors_of((soft,)))
+    with pytest.raises(InputError) as raised:
+        choice(bench).run()
+    assert words in str(raised.value), str(raised.value)
+    impacts = "impacts on effects.wall set off vibrations that no larger basis follows"
+    assert (impacts in str(raised.value)) != ("too large for the terms" in str(raised.value))
 
 
 def beyond_second_order(reduction: Reduction) -> float:
@@ -256,9 +312,22 @@ def test_what_sets_in_at_once_is_named_where_vibrations_are_the_cause(
     with pytest.raises(InputError, match="vibrations that the step does not resolve") as raised:
         choice(bench).run()
     assert ("effects.weight acts at once at the start" in str(raised.value)) == weight
+    assert ("halving the step then moves 1e-09, and the same basis leaves 0.002" in str(raised.value)) == weight
     assert (
         "effects.motor acts at once at the start: let what acts over time begin at zero" in str(raised.value)
     ) == motor
+
+
+def test_a_start_at_rest_is_not_proposed_where_the_step_misses_as_much_from_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Known(lambda reduction: 0.03)
+    bench.scene = slider_crank("reduction={tolerance=1e-2}", GRAVITY)
+    monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.7,)))
+    monkeypatch.setattr(bench, "from_rest", lambda *_: (np.array([0.5]), np.array([2e-3])))
+    with pytest.raises(InputError, match="vibrations that the step does not resolve") as raised:
+        choice(bench).run()
+    assert "initial = {" not in str(raised.value)
 
 
 def test_errors_that_are_round_off_are_said_to_be_so() -> None:

@@ -8,7 +8,7 @@ from scenes import pendulum, slider_crank
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.selection.training import HASTE, PULSE, Training, training_loads
+from pgmp_petsc.selection.training import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
 
 NORMAL = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=0.56e-3}%s}'
 SECOND = 'parameters.E={nominal=2.1e11, distribution={name="uniform", loc=2.0e11, scale=0.2e11}}'
@@ -118,3 +118,13 @@ def test_a_constant_torque_has_no_quicker_one() -> None:
 def test_a_sample_in_words() -> None:
     training = Training.of(slider_crank(NORMAL % ""))
     assert training.sample_text(1) == "r1 = 0.00392"
+
+
+def test_end_stops_are_made_softer_where_their_stiffness_is_a_number() -> None:
+    wall = "effects.%s={type='end_stop', joint='slider', upper=0.99, stiffness=%s}"
+    k = "parameters.k={nominal=2e4, unit='N/m'}"
+    scene = slider_crank(k, wall % ("wall", "2e4"), wall % ("other", "'k'"))
+    assert stops_of(scene) == ["wall"]
+    softer = with_softer_stops(scene, 0.1).effects
+    assert softer["wall"].stiffness == pytest.approx(2e3) and softer["other"].stiffness == "k"
+    assert softer["motor"] == scene.effects["motor"]
