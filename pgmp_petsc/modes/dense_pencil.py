@@ -78,7 +78,7 @@ class DensePencil:
         self.factor(what)
         inverse, n_pairs = self._inverse(), n_rigid + n_flexible
         n = len(inverse)
-        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else eigh(inverse, driver="ev")
+        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else _all(inverse)
         mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
         n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
         if n_finite < n_pairs:
@@ -214,6 +214,11 @@ class _Ends(NamedTuple):
 
 def _lengths(columns: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("dk,dk->k", columns, columns))
+
+
+def _all(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return all eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix."""
+    return eigh(matrix, driver="ev", check_finite=False)  # nothing is set above the diagonal
 
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
