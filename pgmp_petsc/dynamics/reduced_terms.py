@@ -141,9 +141,13 @@ class ReducedTerms:
     @cached_property
     def polynomials(self) -> Tables:
         """All terms as the kernel takes them."""
-        rigid = fitted(self.rigid, self.grid, N_POWERS_OF_RIGID)
-        parts = rigid, self.terms.polynomials(self.parts), self.load.polynomials(self.parts)
-        return Tables(*(in_radians(part, self.grid) for part in parts))
+        grid = self.grid
+        # one after the other: those of a part are let go before the next one's are made
+        return Tables(
+            in_radians(fitted(self.rigid, grid, N_POWERS_OF_RIGID), grid),
+            in_radians(self.terms.polynomials(self.parts), grid),
+            in_radians(self.load.polynomials(self.parts), grid),
+        )
 
 
 def grid_of(part: Interpolant, parts: int = 1) -> tuple[Grid, ...]:
@@ -177,8 +181,10 @@ def in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
     scale, along = np.ones(1), np.arange(round(polynomials.shape[1] ** (1.0 / len(grid))))
     for axis in grid:
         scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
-    moved = np.moveaxis(polynomials * scale[:, None, None], 1, -1)
-    return np.ascontiguousarray(moved).reshape(*moved.shape[:2], moved.shape[2] * moved.shape[3])
+    n_cells, n_powers, n_terms, n_entries = polynomials.shape
+    moved = np.empty((n_cells, n_terms, n_entries, n_powers))  # without a copy between: tables may be large
+    np.multiply(np.moveaxis(polynomials, 1, -1), scale, out=moved)
+    return moved.reshape(n_cells, n_terms, n_entries * n_powers)
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:

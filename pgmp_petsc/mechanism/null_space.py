@@ -87,6 +87,14 @@ class NullSpace:
         return sp.coo_matrix(entries, shape=(self.n_dofs, self.independent.size)).tocsr()
 
     @cached_property
+    def touched(self) -> np.ndarray:
+        """The unknowns that constraints touch, shape (n_touched,), increasing."""
+        touches = np.zeros(self.n_dofs, dtype=bool)
+        for elimination in self.eliminations:
+            touches[elimination.dependent] = touches[elimination.by] = True
+        return np.flatnonzero(touches)
+
+    @cached_property
     def dependent(self) -> np.ndarray:
         """The unknowns that the others determine, block by block, shape (rank,)."""
         return np.concatenate([np.zeros(0, dtype=int), *(part.dependent for part in self.eliminations)])

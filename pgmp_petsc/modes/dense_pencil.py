@@ -6,8 +6,9 @@ as with shift-invert they are those of the inverse,
     L^-1 M L^-T y = mu y,    K - sigma M = L L^T,    psi = L^-T y,    lambda = sigma + 1/mu,
 
 so that the lowest ones, which are sought, come out to the last digits, however stiff the bodies are along their axes.
-Unknowns without mass have mu = 0. N itself is never formed: but for those of the dependent unknowns its rows are those
-of the identity.
+Unknowns without mass have mu = 0. Neither N nor the matrices in it are formed: what belongs to unknowns that no
+constraint touches is the same at all configurations (`interior`), and of the others N has the rows of the identity but
+for those of the dependent unknowns.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
+from pgmp_petsc.modes.interior import Interior, backward, cholesky, congruent, forward
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.solvers.eigenpair_checks import RESIDUAL_TOLERANCE
 from pgmp_petsc.solvers.shift_invert import EigenPairs
@@ -40,10 +42,10 @@ class DensePencil:
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
         self.shift = 0.0
-        self._null = NullSpaces(sp.csr_matrix((0, len(self._mass)))).of(np.zeros(0))
-        self._reduced = (self._stiffness, self._mass)
-        self._parts: tuple[_Parts, _Parts] | None = None
+        self._interior: Interior | None = None
+        self._ends: _Ends | None = None
         self._factor: np.ndarray | None = None
+        self.move_to(NullSpaces(sp.csr_matrix((0, len(self._mass)))).of(np.zeros(0)))
 
     def close(self) -> None:
         """Do nothing: there is nothing to destroy."""
@@ -54,23 +56,15 @@ class DensePencil:
 
     def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
         """Take another stiffness; it holds from the next `move_to` on."""
-        self._stiffness, self._parts = stiffness.toarray(), None
+        self._stiffness, self._interior = stiffness.toarray(), None
 
     def shift_to(self, shift: float, prefix: str) -> None:  # noqa: ARG002  (no options reach LAPACK)
         """Solve with another shift."""
-        self.shift, self._factor = shift, None
+        self.shift, self._interior, self._factor = shift, None, None
 
     def move_to(self, null: NullSpace) -> None:
-        """Project K and M."""
-        # from one angle to the next mostly the same unknowns stay
-        known = self._parts is not None and all(
-            np.array_equal(getattr(null, which), getattr(self._null, which)) for which in ("independent", "dependent")
-        )
+        """Take the null space of a configuration."""
         self._null, self._factor = null, None
-        if not known:
-            stays, goes = null.independent, null.dependent
-            self._parts = tuple(_Parts.of(matrix, stays, goes) for matrix in (self._stiffness, self._mass))
-        self._reduced = tuple(part.reduced(null.weights) for part in self._parts)
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -82,10 +76,9 @@ class DensePencil:
         """
         what = f"eigenproblem at {where}"
         self.factor(what)
-        mass, n_pairs = self._reduced[1], n_rigid + n_flexible
-        n = len(mass)
-        inverse = lapack.dsygst(mass, self._factor, itype=1, lower=1)[0]
-        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else eigh(inverse, driver="ev")
+        inverse, n_pairs = self._inverse(), n_rigid + n_flexible
+        n = len(inverse)
+        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else _all(inverse)
         mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
         n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
         if n_finite < n_pairs:
@@ -94,21 +87,33 @@ class DensePencil:
                 "modes"
             )
         values = self.shift + 1.0 / mu
-        vectors = lapack.dtrtrs(self._factor, vectors, lower=1, trans=1)[0]
         # a step of inverse iteration takes the round-off out of the stiffest directions, where it costs most energy
-        vectors = _solved(self._factor, mass @ vectors) / mu
-        size = _factor(vectors.T @ mass @ vectors, f"{what}: inertia of the modes")
-        vectors = lapack.dtrtrs(size, vectors.T, lower=1)[0].T
-        self._check_residuals(values, vectors, n_rigid, what)
-        return EigenPairs(values, self._expanded(vectors), np.zeros(0))
+        vectors = self.shifted_answers(self._mass @ self._unfactored(vectors)) / mu
+        inertia = self._mass @ vectors
+        size = cholesky(vectors.T @ inertia, f"{what}: inertia of the modes")
+        vectors, inertia = (forward(size, part.T).T for part in (vectors, inertia))
+        self._check_residuals(values, vectors, inertia, n_rigid, what)
+        return EigenPairs(values, vectors, np.zeros(0))
 
-    def _check_residuals(self, values: np.ndarray, vectors: np.ndarray, n_rigid: int, what: str) -> None:
+    def _inverse(self) -> np.ndarray:
+        """Return the lower triangle of ``L^-1 N^T M N L^-T`` at the configuration, untouched unknowns first."""
+        interior, ends = self._interior, self._ends
+        n_inner, n_outer = interior.inner.size, ends.stays.size
+        matrix = np.empty((n_inner + n_outer, n_inner + n_outer), order="F")
+        matrix[:n_inner, :n_inner] = interior.mass
+        matrix[n_inner:, :n_inner] = forward(self._factor, ends.felt(interior.mixed_mass.T))
+        matrix[n_inner:, n_inner:] = congruent(ends.felt(ends.felt(interior.outer_mass).T), self._factor)
+        return matrix
+
+    def _check_residuals(
+        self, values: np.ndarray, vectors: np.ndarray, inertia: np.ndarray, n_rigid: int, what: str
+    ) -> None:
         """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one."""
-        a, b = self._reduced
-        inertia = b @ vectors
+        forces = self.felt(self._stiffness @ vectors)
+        inertia = self.felt(inertia)
         floor = np.max(np.abs(values[: n_rigid + 1]))
-        scale = np.linalg.norm(inertia, axis=0) * np.maximum(np.abs(values), floor)
-        residuals = np.linalg.norm(a @ vectors - values * inertia, axis=0) / scale
+        scale = _lengths(inertia) * np.maximum(np.abs(values), floor)
+        residuals = _lengths(forces - values * inertia) / scale
         wrong = np.flatnonzero(~(residuals < RESIDUAL_TOLERANCE))
         if wrong.size:
             raise RunError(
@@ -124,17 +129,33 @@ class DensePencil:
         RunError
             If it is not positive definite.
         """
-        a, b = self._reduced
-        self._factor = _factor(a - self.shift * b, f"{what} with the shift {self.shift:.6g}")
+        what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
+        if self._interior is None or not np.array_equal(outer, self._interior.outer):
+            self._interior = Interior.of(self._mass, self._stiffness - self.shift * self._mass, outer, what)
+        self._ends = ends = _Ends.of(self._null, self._interior)
+        self._factor = cholesky(ends.felt(ends.felt(self._interior.remainder).T), what)
 
     def count_below(self, tau: float) -> int:
         """Return the number of eigenvalues below tau."""
-        values = eigh(*self._reduced, eigvals_only=True, check_finite=False)
-        return int(np.sum(values < tau))
+        basis = self._expanded(np.eye(self._null.independent.size))
+        stiffness, mass = (basis.T @ matrix @ basis for matrix in (self._stiffness, self._mass))
+        return int(np.sum(eigh(stiffness, mass, eigvals_only=True, check_finite=False) < tau))
 
     def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_dofs, k), with the factor of the last solve."""
-        return self._expanded(_solved(self._factor, self.felt(loads)))
+        interior = self._interior
+        inner = forward(interior.factor, loads[interior.inner])
+        outer = self._ends.felt(loads[interior.outer] - interior.coupling.T @ inner)
+        return self._unfactored(np.concatenate([inner, forward(self._factor, outer)]))
+
+    def _unfactored(self, vectors: np.ndarray) -> np.ndarray:
+        """Return ``N L^-T`` times columns (n_independent, k), untouched unknowns first, shape (n_dofs, k)."""
+        interior, n_inner = self._interior, self._interior.inner.size
+        found = np.empty((self._null.n_dofs, vectors.shape[1]))
+        outer = self._ends.expanded(backward(self._factor, vectors[n_inner:]))
+        found[interior.outer] = outer
+        found[interior.inner] = backward(interior.factor, vectors[:n_inner] - interior.coupling @ outer)
+        return found
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N^T`` times loads (n_dofs, k)."""
@@ -156,54 +177,60 @@ class DensePencil:
         return self._stiffness @ vectors
 
 
-class _Parts(NamedTuple):
-    """Blocks of a symmetric matrix: of unknowns that stay, of those that go with them, and of those that go."""
+class _Ends(NamedTuple):
+    """The rows of N of the unknowns that constraints touch, at a configuration.
 
-    staying: np.ndarray
-    mixed: np.ndarray
-    going: np.ndarray
+    Attributes
+    ----------
+    stays, goes
+        Places of the independent unknowns and of the dependent ones among those touched, shapes (n_stays,), (n_goes,).
+    weights
+        Of the unknowns that stay in those that go, shape (n_goes, n_stays).
+    """
+
+    stays: np.ndarray
+    goes: np.ndarray
+    weights: np.ndarray
 
     @classmethod
-    def of(cls, matrix: np.ndarray, stays: np.ndarray, goes: np.ndarray) -> _Parts:
-        """Take the blocks of unknowns, given by their numbers."""
-        return cls(matrix[np.ix_(stays, stays)], matrix[np.ix_(goes, stays)], matrix[np.ix_(goes, goes)])
+    def of(cls, null: NullSpace, interior: Interior) -> _Ends:
+        """Take the rows of a null space whose constraints touch the outer unknowns."""
+        goes = np.searchsorted(interior.outer, null.dependent)
+        stay = np.ones(interior.outer.size, dtype=bool)
+        stay[goes] = False
+        stays = np.flatnonzero(stay)
+        return cls(stays, goes, null.weights[:, np.searchsorted(null.independent, interior.outer[stays])])
 
-    def reduced(self, weights: np.ndarray) -> np.ndarray:
-        """Return ``N^T A N`` where the unknowns that go are `weights` times those that stay, in LAPACK's order."""
-        half = weights.T @ (self.mixed + 0.5 * (self.going @ weights))
-        found = self.staying + half
-        found += half.T
-        return found.T  # symmetric
+    def felt(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N^T`` times columns (n_touched, k), shape (n_stays, k)."""
+        return loads[self.stays] + self.weights.T @ loads[self.goes]
+
+    def expanded(self, independent: np.ndarray) -> np.ndarray:
+        """Return N times columns (n_stays, k), shape (n_touched, k)."""
+        found = np.empty((self.stays.size + self.goes.size, independent.shape[1]))
+        found[self.stays], found[self.goes] = independent, self.weights @ independent
+        return found
+
+
+def _lengths(columns: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("dk,dk->k", columns, columns))
+
+
+def _all(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return all eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix."""
+    return eigh(matrix, driver="ev", check_finite=False)  # nothing is set above the diagonal
 
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix.
+    """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix,
+    which is overwritten.
 
     By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these for all eigenvectors
     alone, and bisection for some, which takes half as long again.
     """
     n = len(matrix)
-    reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n)
+    reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n, overwrite_a=1)
     chosen = {"select": "i", "select_range": (n - k, n - 1), "lapack_driver": "stemr"}
     values, vectors = eigh_tridiagonal(diagonal, beside, check_finite=False, **chosen)
     turned = lapack.dormqr("L", "N", reflectors[1:, :-1], scales, vectors[1:], BLOCK * n)[0]
     return values, np.concatenate([vectors[:1], turned])
-
-
-def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return ``(L L^T)^-1`` times columns, for a lower factor L."""
-    return lapack.dpotrs(factor, right, lower=1)[0]
-
-
-def _factor(matrix: np.ndarray, what: str) -> np.ndarray:
-    """Return the lower Cholesky factor.
-
-    Raises
-    ------
-    RunError
-        If the matrix is not positive definite, or not finite.
-    """
-    factor, failed = lapack.dpotrf(matrix, lower=1)
-    if failed or not np.isfinite(factor).all():
-        raise RunError(f"{what}: the matrix is not positive definite; the mesh may be too fine for double precision")
-    return factor

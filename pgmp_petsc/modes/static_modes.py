@@ -85,19 +85,24 @@ def _extended(
 
     Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
     """
-    basis, dependent = kept, np.zeros(len(sizes), dtype=bool)
-    for number, (answer, size) in enumerate(zip(answers.T[..., None], sizes)):
-        rest = _beside(problem, basis, answer)
-        left = problem.norms(rest)[0]
+    basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
+    inverse = np.linalg.inv(problem.inner(kept, m_basis))
+    for number, (rest, size) in enumerate(zip(answers.T[..., None], sizes)):
+        for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
+            rest = rest - basis @ (inverse @ problem.inner(m_basis, rest))
+        m_rest = problem.times_mass(rest)
+        left = np.sqrt(problem.inner(rest, m_rest)[0, 0])
         dependent[number] = not left > DEPENDENT_TOLERANCE * size
         if not dependent[number]:
-            basis = np.hstack([basis, rest / left])
+            basis, m_basis = np.hstack([basis, rest / left]), np.hstack([m_basis, m_rest / left])
+            inverse = np.pad(inverse, (0, 1))
+            inverse[-1, -1] = 1.0
     return basis, dependent
 
 
 def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return what a basis misses of vectors."""
-    for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
+    for _ in range(2):
         vectors = vectors - problem.onto(basis, vectors)
     return vectors
 

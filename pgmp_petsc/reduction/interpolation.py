@@ -35,6 +35,7 @@ _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
 # the same along each axis of several: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative
 FINE_OF_MORE = 96
+COLUMNS = 4096  # of a table that are fitted together
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +170,21 @@ def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[A
         if not samples.is_uniform:
             raise ValueError("Overhauser interpolation needs uniform samples")
         return _axis(samples, samples.n, OVERHAUSER), table
-    if scheme == "spline":
-        return _as_splines(samples, table if samples.is_uniform else _spline_on_fine_grid(samples, table, fine))
-    if scheme == "spectral":
-        return _as_splines(samples, _spectral_on_fine_grid(samples, table, fine))
-    raise ValueError(f"interpolation '{scheme}'; known: overhauser, spline, spectral")
+    if scheme not in ("spline", "spectral"):
+        raise ValueError(f"interpolation '{scheme}'; known: overhauser, spline, spectral")
+    # columns are independent of each other: what is between a table and its coefficients takes several times as much
+    columns, found = table.reshape(len(table), -1), None
+    for first in range(0, max(1, columns.shape[1]), COLUMNS):
+        part = columns[:, first : first + COLUMNS]
+        if scheme == "spectral":
+            part = _spectral_on_fine_grid(samples, part, fine)
+        elif not samples.is_uniform:
+            part = _spline_on_fine_grid(samples, part, fine)
+        axis, part = _as_splines(samples, part)
+        if found is None:
+            found = np.empty((len(part), columns.shape[1]))
+        found[:, first : first + COLUMNS] = part
+    return axis, found.reshape(len(found), *table.shape[1:])
 
 
 def _axis(samples: Samples, n: int, basis: int) -> Axis:

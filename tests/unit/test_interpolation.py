@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from pgmp_petsc.reduction import interpolation as module
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import pair_products
@@ -328,3 +329,15 @@ def test_products_are_of_the_values(scheme: str, periodic: bool) -> None:
     expected = np.einsum("ki,kij->kj", factors, found.slope(theta))
     tolerance = 1e-13 * (1.0 + np.abs(expected).max())
     np.testing.assert_allclose(found.product(theta, vectors, 0), expected, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_columns_are_fitted_in_blocks(scheme: str, periodic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = samples_for(scheme, LOWER, UPPER, 12, periodic)
+    table = np.random.default_rng(3).normal(size=(12, 3, 5))
+    whole = interpolant(samples, table, scheme).rows
+    monkeypatch.setattr(module, "COLUMNS", 4)  # four blocks, the last one not full
+    # round-off of transforms of some columns or others
+    np.testing.assert_allclose(interpolant(samples, table, scheme).rows, whole, rtol=0, atol=1e-12)
+    assert interpolant(samples, table[:, :, :0], scheme).rows.shape[1:] == (3, 0)

@@ -414,6 +414,12 @@ def test_a_dense_pencil_with_eigenvalues_below_the_shift_is_refused() -> None:
         pencil.solve(0, 2, "here")
 
 
+def test_nothing_above_the_diagonal_is_looked_at() -> None:
+    matrix = np.diag([1.0, 2.0, 3.0]) + np.triu(np.full((3, 3), np.nan), 1)
+    assert dense_module._all(matrix)[0].tolist() == [1.0, 2.0, 3.0]
+    assert dense_module._largest(np.asfortranarray(matrix), 1)[0] == pytest.approx(3.0, rel=1e-14)
+
+
 @pytest.mark.parametrize(("n", "k"), [(12, 1), (60, 7), (130, 17)])
 def test_the_largest_eigenpairs_of_a_symmetric_matrix(n: int, k: int) -> None:
     turn = np.linalg.qr(np.random.default_rng(n).normal(size=(n, n)))[0]
@@ -425,10 +431,37 @@ def test_the_largest_eigenpairs_of_a_symmetric_matrix(n: int, k: int) -> None:
     np.testing.assert_allclose(matrix @ vectors, vectors * values, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("n_touched", [0, 7, 40])
+def test_a_dense_pencil_in_a_null_space(n_touched: int) -> None:
+    """Against the whole matrices in SciPy's null space, where constraints touch no unknown, some, and all."""
+    n, random = 40, np.random.default_rng(n_touched)
+    parts = (random.normal(size=(n, n)) for _ in range(2))
+    stiffness, mass = (part @ part.T + n * np.eye(n) for part in parts)
+    stiffness[np.ix_([0, 1], [0, 1])] += 1e6
+    pencil, shift, loads = DensePencil(sp.csr_matrix(mass), sp.csr_matrix(stiffness)), -0.3, random.normal(size=(n, 2))
+    pencil.shift_to(shift, "")
+    for seed in (1, 2):  # two configurations
+        constraints = np.zeros((3 * (n_touched > 0), n))
+        touched = np.random.default_rng(5).permutation(n)[:n_touched]
+        constraints[:, touched] = np.random.default_rng(seed).normal(size=(len(constraints), n_touched))
+        basis = scipy.linalg.null_space(constraints) if n_touched else np.eye(n)
+        k, m = (basis.T @ matrix @ basis for matrix in (stiffness, mass))
+        expected, modes = scipy.linalg.eigh(k, m)
+        pencil.move_to(null_space(sp.csr_matrix(constraints)))
+        pairs = pencil.solve(0, 5, "here")
+        # round-off: 1e-15 of the ratio of stiffnesses, 1e5, with a factor of ten
+        np.testing.assert_allclose(pairs.values, expected[:5], rtol=1e-9)
+        overlaps = pairs.vectors.T @ mass @ (basis @ modes[:, :5])
+        np.testing.assert_allclose(np.abs(overlaps), np.eye(5), rtol=0, atol=1e-9)
+        answers = basis @ np.linalg.solve(k - shift * m, basis.T @ loads)
+        np.testing.assert_allclose(pencil.shifted_answers(loads), answers, rtol=0, atol=1e-9 * np.max(np.abs(answers)))
+        assert pencil.count_below(0.5 * (expected[2] + expected[3])) == 3
+
+
 def test_a_dense_pencil_checks_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
     pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
     pencil.move_to(null_space(sp.csr_matrix((0, 3))))
     pencil.shift_to(-0.5, "")
-    monkeypatch.setattr(dense_module, "_solved", lambda _, b: b + [[0.0, 0.1], [0.0, 0.0], [0.1, 0.0]])
+    monkeypatch.setattr(pencil, "shifted_answers", lambda b: b + [[0.0, 0.1], [0.0, 0.0], [0.1, 0.0]])
     with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
         pencil.solve(0, 2, "here")
