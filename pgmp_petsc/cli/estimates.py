@@ -73,5 +73,7 @@ def of_validity(validity: Mapping[str, float]) -> str:
 def _error(maximum: float, share: float, unit: str) -> str:
     if not np.isfinite(maximum):
         return "          no estimate: the full-order equations could not be solved about this motion"
-    relative = f" ({100 * share:.2g} % of its largest value)" if np.isfinite(share) else ""
+    relative = f" ({100 * share:.2g} % of its largest value)" if share <= 1.0 else ""
+    if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all
+        relative = f" (its largest value is {maximum / share:.2g} {unit})"
     return f"{maximum:16.2g} {unit}{relative}"

@@ -47,7 +47,11 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
 def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
     """Return a warning of outputs that are hardly known, by their estimated errors."""
     shares = {name: errors.share(name) for name in errors.outputs}
-    found = [f"{name} {100 * share:.2g} %" for name, share in shares.items() if share > HARDLY_KNOWN]
+    found = [
+        f"{name} {100 * share:.2g} %" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
+        for name, share in shares.items()
+        if share > HARDLY_KNOWN
+    ]
     if not found:
         return ()
     return (

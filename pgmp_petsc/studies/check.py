@@ -119,8 +119,9 @@ def _bodies(mechanism: Mechanism) -> list[str]:
                 f"weights {stiffness}; frames {frames}"
             )
             continue
+        n_elements = len(body.mesh.cells)
         lines.append(
-            f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
+            f"  body          {body.name}: {body.n_nodes} nodes, {n_elements} element{'s' * (n_elements > 1)}, "
             f"{body.mesh.lengths.sum():.6g} m, weights {stiffness}"
         )
     return lines

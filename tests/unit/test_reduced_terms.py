@@ -25,7 +25,7 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.simulate import lost_definiteness
+from pgmp_petsc.studies.stopped import lost_definiteness
 
 PART = (
     "coordinates.theta.range=[0.2,1.4]",
