@@ -12,7 +12,7 @@ from pgmp_petsc.results import EstimatedErrors
     "largest, line, warned",
     [
         (0.5, "0.001 m (0.2 % of its largest value)", ""),
-        (0.004, "0.001 m (25 % of its largest value)", "tip 25 %"),
+        (0.00125, "0.001 m (80 % of its largest value)", "tip 80 %"),
         (4e-17, "0.001 m (its largest value is 4e-17 m)", "tip more than all of it (4e-17)"),
         (0.0, "0.001 m", ""),
     ],
