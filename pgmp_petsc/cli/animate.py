@@ -11,6 +11,7 @@ from pgmp_petsc.api.films import FIELDS, LARGEST_SCALE, LONGEST, MOST_PICTURES, 
 from pgmp_petsc.api.films import animate as animated
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import Number, output_option
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.errors import InputError
 
 
@@ -51,6 +52,7 @@ from pgmp_petsc.runtime.errors import InputError
     type=Number(*MOST_PICTURES),
     help="Pictures a second.",
 )
+@quiet
 @click.pass_context
 def animate(
     context: click.Context,

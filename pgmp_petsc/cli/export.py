@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.api.tables import export_result
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import Whole, output_option, scene_options
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.errors import InputError
@@ -23,6 +24,7 @@ XDMF = (".xdmf", ".xmf")
 @output_option
 @click.option("--fmi", type=Whole(2, 3), help="Version of FMI of an FMU, 2 (default) or 3.")
 @scene_options
+@quiet
 @click.pass_context
 def export(
     context: click.Context,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.scene.template import describe_template, template_names, write_template
@@ -28,6 +29,7 @@ class TemplateCommand(click.Command):
 )
 @click.argument("file", metavar="FILE.toml", type=click.Path(path_type=Path))
 @click.option("--force", is_flag=True, help="Replace files that exist.")
+@quiet
 @click.pass_context
 def new(context: click.Context, template: str, file: Path, force: bool) -> None:
     """Write the commented scene TEMPLATE to FILE.toml, and its mesh beside it where it has one.

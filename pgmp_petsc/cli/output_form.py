@@ -14,9 +14,13 @@ from pgmp_petsc.runtime.progress import without_progress
 def output_form(command: Command) -> Command:
     """Add ``--json`` and ``--quiet``; the function receives neither: `say` and `say_figures` know."""
     json = "Write the figures as JSON on standard output, and nothing else there."
-    quiet = "Write nothing but errors and warnings on standard error."
-    command = click.option("--json", is_flag=True, expose_value=False, callback=_take_json, help=json)(command)
-    return click.option("--quiet", is_flag=True, expose_value=False, callback=_take_quiet, help=quiet)(command)
+    return click.option("--json", is_flag=True, expose_value=False, callback=_take_json, help=json)(quiet(command))
+
+
+def quiet(command: Command) -> Command:
+    """Add ``--quiet`` to a command that has no figures; the function does not receive it: `say` knows."""
+    words = "Write nothing but errors and warnings on standard error."
+    return click.option("--quiet", is_flag=True, expose_value=False, callback=_take_quiet, help=words)(command)
 
 
 def say_figures(context: click.Context, figures: Mapping[str, object]) -> None:

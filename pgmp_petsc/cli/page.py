@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import files_argument
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say_of_files
 
 
@@ -20,6 +21,7 @@ from pgmp_petsc.cli.report import say_of_files
     type=click.Path(path_type=Path),
     help="Page to write; it replaces an older one when it is complete.",
 )
+@quiet
 @click.pass_context
 def report(context: click.Context, files: tuple[Path, ...], output: Path) -> None:
     """Write result FILEs as one page that needs no network: for the screen, the phone and the printer.

@@ -8,6 +8,7 @@ import click
 
 from pgmp_petsc.api.films import LARGEST_SCALE
 from pgmp_petsc.cli.options import Number, files_argument
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say_of_files
 
 
@@ -35,6 +36,7 @@ from pgmp_petsc.cli.report import say_of_files
     type=Number(min=0.0),
     help="Instant of the picture of solids; that of the largest stress if not given.",
 )
+@quiet
 @click.pass_context
 def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float, at: float | None) -> None:
     """Draw result FILEs: what belongs together goes into one picture.

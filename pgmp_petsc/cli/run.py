@@ -11,6 +11,7 @@ from pgmp_petsc.api.jobs import PAGE
 from pgmp_petsc.api.jobs import run as whole_run
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import Whole, scene_options
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.errors import RunError
 
 
@@ -33,6 +34,7 @@ from pgmp_petsc.runtime.errors import RunError
 )
 @click.option("--force", is_flag=True, help="Do all steps again, also those whose files are finished.")
 @scene_options
+@quiet
 @click.pass_context
 def run(
     context: click.Context,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -21,6 +22,7 @@ PAGES = (".md", ".markdown")
     type=click.Path(path_type=Path),
     help="File to write; standard output has the JSON schema if it is not given.",
 )
+@quiet
 @click.pass_context
 def schema(context: click.Context, output: Path | None) -> None:
     """Write the JSON schema of scenes for editors (FILE.json), or all entries of a scene as a page (FILE.md).

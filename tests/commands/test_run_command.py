@@ -187,6 +187,21 @@ def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_pat
     assert end.value.code == 1 and out == "" and err.count("stopped at") == 1, err
 
 
+def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_path: Path, capfd) -> None:
+    folder = scene.with_name("mine_results")
+    made = {
+        ("new", "slider_crank"): tmp_path / "other.toml",
+        ("schema", "-o"): tmp_path / "scene.json",
+        ("export", folder / "run.h5", "-o"): tmp_path / "run.csv",
+        ("plot", folder / "run.h5", "-o"): tmp_path / "pictures",
+        ("report", folder / "run.h5", "-o"): tmp_path / "page.html",
+        ("animate", folder / "run.h5", "--seconds", 0.2, "-o"): tmp_path / "run.gif",
+    }
+    for words, path in made.items():
+        assert run(capfd, *words, path, "--quiet") == ("", "") and path.exists(), words
+    assert run(capfd, "run", scene, "--quiet") == ("", "")  # all is there already
+
+
 @pytest.mark.parametrize(
     ("command", "kind", "figure"),
     [
