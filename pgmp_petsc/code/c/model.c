@@ -1,10 +1,10 @@
 /* Steps of the generalised-alpha scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007).
 
-   A step does CORRECTIONS Newton corrections, REFRESH_EVERY with one matrix, and up to MAX_ITERATIONS where it needs them.
-   They count as long as pgmp simulate would go on: what a correction leaves is estimated from how the iteration
+   A step does CORRECTIONS Newton corrections, REFRESH_EVERY with one matrix, and up to MAX_ITERATIONS where it needs
+   them. They count as long as pgmp simulate would go on: what a correction leaves is estimated from how the iteration
    contracts, after the first one from how it did in the steps before. pgmp_model.correction is what is left by that
-   estimate. A step that fails is tried twice more as pgmp simulate does, from another prediction and with a matrix of its
-   own for each correction: at most MAX_ITERATIONS corrections as they are, then CAREFUL_ITERATIONS, shortened to LONGEST.
+   estimate. A step that fails is tried twice more as pgmp simulate does, from another prediction and with a matrix of
+   its own for each correction: at most MAX_ITERATIONS as they are, then CAREFUL_ITERATIONS, shortened to LONGEST.
 
    written by pgmp_petsc */
 
@@ -105,8 +105,8 @@ static double ahead_of(const struct pgmp_model *m, int i, double a) {
     return ((1.0 - ALPHA_F) * a + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) / (1.0 - ALPHA_M);
 }
 
-/* The end of a step: accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load that
-   sets in at once gives light nodes accelerations that no step can follow. */
+/* The end of a step: accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load
+   that sets in at once gives light nodes accelerations that no step can follow. */
 static void predict(const struct pgmp_model *m, int attempt, double q[N], double v[N], double a[N]) {
     const double h = STEP;
     for (int i = 0; i < N; i++) {
@@ -155,8 +155,9 @@ int pgmp_step(struct pgmp_model *m) {
     const double end = STEP * (m->number + 1);
     double q[N], v[N], a[N], strengths[AT_LEAST_ONE(N_STRENGTHS)], left = 0.0;
     int done = 0;
-    m->validity &= ~PGMP_NOT_CONVERGED; /* the step that was not taken has left nothing behind */
-    if ((m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION; /* corrected twice, to see how it contracts */
+    m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
+    /* corrected twice, to see how it contracts */
+    if ((m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
     for (int attempt = 0; attempt < N_ATTEMPTS && !done; attempt++) {
         predict(m, attempt, q, v, a);
         act(m, end, end, strengths, q, v, a);
