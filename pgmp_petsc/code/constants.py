@@ -41,9 +41,11 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.uses import velocity_names
 
-# Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
-# set in with a jump (tests/verification/test_exported.py, in space).
+# Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
+# to six where loads set in with a jump (tests/verification/test_exported.py, in space).
 CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
+# Of all three attempts at a step.
+MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
