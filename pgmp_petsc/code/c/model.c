@@ -131,7 +131,8 @@ static int converge(struct pgmp_model *m, int attempt, const double strengths[],
         double size = 0.0, share = 1.0, contraction = m->contraction;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         correct(m, strengths, q, v, a, GAIN_V, GAIN_A, fresh, &matrix, r);
-        for (int i = 0; i < N; i++) size = !(fabs(r[i]) * scale[i] <= size) ? fabs(r[i]) * scale[i] : size;
+        for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
+            size = fabs(r[i]) * scale[i] <= size ? size : fabs(r[i]) * scale[i];
         while (careful && isfinite(size) && size > LONGEST) size *= 0.5, share *= 0.5;
         for (int i = 0; i < N; i++) {
             double change = active ? share * r[i] : 0.0;
