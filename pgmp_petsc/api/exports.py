@@ -10,7 +10,7 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Rom, wrong
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, check_rom
-from pgmp_petsc.code.constants import CORRECTIONS, constants_of, tunable
+from pgmp_petsc.code.constants import CORRECTIONS, MOST_CORRECTIONS, constants_of, tunable
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
 from pgmp_petsc.code.refusal import check_scene
 from pgmp_petsc.code.source import write_sources
@@ -71,7 +71,8 @@ def export_model(
         return f"{target}: {what}, sources only: {why}; compile sources/ where it is to run"
 
     tell(comm, on_root(comm, writing_the_model))
-    steps = f"steps of {model.scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"
+    corrections = f"{CORRECTIONS} Newton corrections each, at most {MOST_CORRECTIONS} where that is not enough"
+    steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
     fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in variable)

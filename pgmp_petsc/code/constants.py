@@ -41,9 +41,11 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.uses import velocity_names
 
-# Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
-# set in with a jump (tests/verification/test_exported.py, in space).
+# Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
+# to six where loads set in with a jump (tests/verification/test_exported.py, in space).
 CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
+# Of all three attempts at a step.
+MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
@@ -328,10 +330,14 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "GAIN_V": scheme.gain_v,
         "GAIN_A": scheme.gain_a,
         "CORRECTIONS": CORRECTIONS,
+        "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
+        "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
         "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
+        "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
+        "LONGEST": alpha_step.LONGEST,
         "ROUND_OFF": alpha_step.ROUND_OFF,
         "PROBED_EVERY": alpha_step.PROBED_EVERY,
         "CAUTION": alpha_step.CAUTION,

@@ -12,8 +12,8 @@ PARAMETERS, STRENGTHS, OUTPUTS, FOLLOWS, STATES, DERIVATIVES = (k * BLOCK for k 
 ELASTIC_ROTATION, CORRECTION, VALIDITY, VALID, TIME = range(3 * BLOCK, 3 * BLOCK + 5)
 REAL, WHOLE, BOOLEAN = "real", "whole", "Boolean"
 FLAGS = (
-    "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 steps not "
-    "converged, 8 no finite number, 16 a parameter outside what the model was built for"
+    "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 a step that "
+    "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for"
 )
 
 

@@ -131,6 +131,55 @@ IN_SPACE = (
     'outputs.reach={type="distance",points=["ground:origin","coupler:tip"]}',
     'outputs.across={type="deformation",point="coupler:hinge",axis="z",frame="body"}',
 )
+# an oscillating cylinder whose motor, spring and weight set in at once on light nodes
+CYLINDER = """
+scene.name = "cylinder"
+materials.steel = { E = 210e9, nu = 0.3, rho = 7800.0 }
+ground.points.pivot = [0.3, 0.02]
+[bodies.crank]
+line = { length = 0.08, elements = 3 }
+element = "beam2d"
+material = "steel"
+section = { shape = "circle", radius = 0.008 }
+placement = { origin = [0.0, 0.0], angle = 0.5 }
+[bodies.rod]
+line = { length = 0.4, elements = 8 }
+element = "beam2d"
+material = "steel"
+section = { shape = "circle", radius = 0.006 }
+placement = { origin = [0.07, 0.038], angle = -0.1 }
+[joints]
+shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] }
+pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] }
+guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
+[coordinates.theta]
+joint = "shaft"
+range = [0.0, 6.283185307179586]
+periodic = true
+[effects]
+motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] }
+brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 }
+spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 }
+rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }
+weight = { type = "gravity" }
+[reduction]
+modes = 6
+static_modes = true
+inertia_modes = true
+angles = 48
+interpolation = "spline"
+[simulation]
+duration = 0.1
+step = STEP
+[outputs.crank]
+type = "angle"
+joint = "shaft"
+[outputs.bent]
+type = "deformation"
+point = "rod:tip"
+axis = "y"
+frame = "body"
+"""
 
 
 @pytest.fixture(scope="module")
@@ -271,12 +320,41 @@ def test_flags(slider_crank_program) -> None:
     assert (far["validity"].astype(int) & 16).all()
 
 
-def test_a_run_that_breaks_down_ends_with_its_flags(slider_crank_program) -> None:
-    """A crank of 1.1 mm cannot carry the torque: not converged, then no finite number."""
-    done = subprocess.run([slider_crank_program, "r1=1.1e-3"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+@pytest.mark.parametrize(("step", "n_attempts"), [(5e-4, 2), (2e-3, 3)])
+def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
+    """Steps that fail are tried as the program tries them; with an attempt less a step fails, and is not taken."""
+    model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)), "."))
+    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "model.c").read_text())
+    assert n == 1
+    (tmp_path / "model.c").write_text(text)
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
+    _assert_stopped(tmp_path / "run")
+
+
+def _assert_stopped(program: Path, *settings: str) -> None:
+    """Check that a run ends with a step that is not taken: the last row repeats the state before it, with a flag."""
+    done = subprocess.run([program, *settings], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    rows = [line.split(",") for line in done.stdout.splitlines()[1:]]
     assert done.returncode == 1
-    assert int(done.stdout.splitlines()[-1].split(",")[-1]) & (4 + 8 + 16) == 4 + 8 + 16
-    assert "export again with a smaller simulation.step" in done.stderr and "no finite number" in done.stderr
+    assert rows[-1][:-1] == rows[-2][:-1]
+    assert int(rows[-1][-1]) == int(rows[-2][-1]) + 4
+    assert np.isfinite(np.array(rows, dtype=float)).all()
+    assert "the iteration of the next step" in done.stderr
+    assert "export again with a smaller simulation.step" in done.stderr
+
+
+def test_a_run_that_breaks_down_ends_before_it(slider_crank_program) -> None:
+    """A crank of 1.1 mm cannot carry the torque."""
+    _assert_stopped(slider_crank_program, "r1=1.1e-3")
+
+
+def test_a_start_that_is_no_finite_number(slider_crank_program) -> None:
+    done = subprocess.run([slider_crank_program, "r1=nan"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    assert (done.returncode, done.stderr) == (1, "stopped at 0 s: a state is no finite number\n")
+    (row,) = done.stdout.splitlines()[1:]
+    assert int(row.split(",")[-1]) == 8 + 16
 
 
 def test_a_parameter_that_is_none(slider_crank_program) -> None:

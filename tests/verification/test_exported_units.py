@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.code.constants import constants_of
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
-from pgmp_petsc.code.variables import FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
+from pgmp_petsc.code.variables import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 
@@ -160,6 +160,24 @@ def test_a_strength_from_outside(loaded) -> None:
     assert loaded.get("Real", OUTPUTS) > 0.0
     assert loaded.call("Reset") == 0
     assert loaded.get("Boolean", FOLLOWS) == 1
+
+
+def test_a_step_that_fails_is_not_taken(loaded) -> None:
+    """It is an error, with the model where it was; from there another strength takes it on."""
+    assert loaded.set("Boolean", FOLLOWS, 0) == 0
+    assert loaded.set("Real", STRENGTHS, 0.5) == 0
+    assert loaded.begin() == 0
+    assert loaded.step(0.0, 4 * STEP) == 0
+    before = [loaded.get("Real", reference) for reference in (TIME, OUTPUTS, CORRECTION)]
+    assert loaded.set("Real", STRENGTHS, 1e6) == 0
+    assert loaded.step(4 * STEP, 4 * STEP) == 3
+    assert "the iteration of the step of 0.0005 s from 0.002 s failed, and the model stays there" in loaded.said[-1]
+    assert (loaded.get("Whole", VALIDITY), loaded.get("Boolean", VALID)) == (4, 0)
+    assert [loaded.get("Real", reference) for reference in (TIME, OUTPUTS, CORRECTION)] == before
+    assert loaded.version == 2 or loaded.reached.value == 4 * STEP
+    assert loaded.set("Real", STRENGTHS, 0.5) == 0
+    assert loaded.step(4 * STEP, 4 * STEP) == 0
+    assert (loaded.get("Whole", VALIDITY), loaded.get("Real", TIME)) == (0, 8 * STEP)
 
 
 def test_a_strength_from_outside_in_model_exchange(exchanged, slider_crank) -> None:

@@ -10,6 +10,8 @@
 
 #include "model.h"
 
+#define BROKEN (PGMP_NOT_CONVERGED | PGMP_NOT_FINITE)
+
 static struct pgmp_model model;
 
 static int set(const char *text) {
@@ -45,14 +47,14 @@ int main(int argc, char **argv) {
     for (int k = 0; k < N_OUTPUTS; k++) printf(",%s", pgmp_output_names[k]);
     printf(",elastic_rotation,validity\n");
     show();
-    for (long number = 0; number < N_STEPS && !(model.validity & PGMP_NOT_FINITE); number++) {
+    for (long number = 0; number < N_STEPS && !(model.validity & BROKEN); number++) {
         pgmp_step(&model);
         show();
     }
-    if (model.validity & PGMP_NOT_CONVERGED)
-        fprintf(stderr, "steps of %g s are too long: the iteration of some was not at its end; export again with a "
-                        "smaller simulation.step\n", STEP);
-    if (!(model.validity & PGMP_NOT_FINITE)) return 0;
-    fprintf(stderr, "stopped at %g s: a state is no finite number\n", pgmp_time(&model));
-    return 1;
+    if (model.validity & PGMP_NOT_FINITE)
+        fprintf(stderr, "stopped at %g s: a state is no finite number\n", pgmp_time(&model));
+    else if (model.validity & PGMP_NOT_CONVERGED)
+        fprintf(stderr, "stopped at %g s: the iteration of the next step of %g s failed; export again with a smaller "
+                        "simulation.step, and see whether pgmp simulate runs through\n", pgmp_time(&model), STEP);
+    return model.validity & BROKEN ? 1 : 0;
 }

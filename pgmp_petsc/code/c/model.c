@@ -1,8 +1,10 @@
 /* Steps of the generalised-alpha scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007).
 
-   A step does CORRECTIONS Newton corrections, REFRESH_EVERY with one matrix. They count as long as pgmp simulate would go
-   on: what a correction leaves is estimated from how the iteration contracts, after the first one from how it did in
-   the steps before. pgmp_model.correction is what is left by that estimate.
+   A step does CORRECTIONS Newton corrections, REFRESH_EVERY with one matrix, and up to MAX_ITERATIONS where it needs
+   them. They count as long as pgmp simulate would go on: what a correction leaves is estimated from how the iteration
+   contracts, after the first one from how it did in the steps before. pgmp_model.correction is what is left by that
+   estimate. A step that fails is tried twice more as pgmp simulate does, from another prediction and with a matrix of
+   its own for each correction: at most MAX_ITERATIONS as they are, then CAREFUL_ITERATIONS, shortened to LONGEST.
 
    written by pgmp_petsc */
 
@@ -10,6 +12,8 @@
 #include <string.h>
 
 #include "tables.h"
+
+enum { EXTRAPOLATED, COASTING, CAREFUL, N_ATTEMPTS };
 
 #define LARGE 1e30 /* gain that makes stiffness negligible beside mass */
 
@@ -96,46 +100,79 @@ double pgmp_time(const struct pgmp_model *m) { return STEP * m->number; }
 
 static double at_most(double most, double x) { return x > most ? most : x; }
 
-int pgmp_step(struct pgmp_model *m) {
-    const double weight = 1.0 / (1.0 - ALPHA_M), h = STEP;
-    double q[N], v[N], a[N], r[N], strengths[AT_LEAST_ONE(N_STRENGTHS)], last = 0.0, left = 0.0;
+/* Auxiliary acceleration at the end of a step where coordinate i has the acceleration a. */
+static double ahead_of(const struct pgmp_model *m, int i, double a) {
+    return ((1.0 - ALPHA_F) * a + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) / (1.0 - ALPHA_M);
+}
+
+/* The end of a step: accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load
+   that sets in at once gives light nodes accelerations that no step can follow. */
+static void predict(const struct pgmp_model *m, int attempt, double q[N], double v[N], double a[N]) {
+    const double h = STEP;
+    for (int i = 0; i < N; i++) {
+        double behind = m->auxiliary[i], kept = (1.0 - ALPHA_M) * (-(0.5 - BETA) / BETA * behind) + ALPHA_M * behind;
+        a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - ALPHA_F * m->a[i]) / (1.0 - ALPHA_F);
+        double ahead = ahead_of(m, i, a[i]);
+        q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - BETA) * behind + BETA * ahead);
+        v[i] = m->v[i] + h * ((1.0 - GAMMA) * behind + GAMMA * ahead);
+    }
+}
+
+/* Newton's iteration from a prediction; returns whether it came to its end, and what is left. */
+static int converge(struct pgmp_model *m, int attempt, const double strengths[], double q[N], double v[N], double a[N],
+                    double *left) {
+    const double tolerance = attempt == EXTRAPOLATED ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
+    const int least = attempt == EXTRAPOLATED ? CORRECTIONS : 0, careful = attempt == CAREFUL;
+    const int most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
+    double r[N], last = 0.0;
     struct matrix matrix;
     int active = 1;
-    m->number++;
-    if (m->number % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION; /* corrected twice, to see how it contracts */
-    for (int i = 0; i < N; i++) {
-        a[i] = 2.0 * m->a[i] - m->before[i];
-        double ahead = ((1.0 - ALPHA_F) * a[i] + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) * weight;
-        q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - BETA) * m->auxiliary[i] + BETA * ahead);
-        v[i] = m->v[i] + h * ((1.0 - GAMMA) * m->auxiliary[i] + GAMMA * ahead);
-    }
-    act(m, pgmp_time(m), pgmp_time(m), strengths, q, v, a);
-    for (int number = 0; number < CORRECTIONS; number++) {
-        double size = 0.0, contraction = m->contraction;
-        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, number % REFRESH_EVERY == 0, &matrix, r);
+    for (int number = 0; number < most && (active || number < least); number++) {
+        double size = 0.0, share = 1.0, contraction = m->contraction;
+        int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
+        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, fresh, &matrix, r);
+        for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
+            size = fabs(r[i]) * scale[i] <= size ? size : fabs(r[i]) * scale[i];
+        while (careful && isfinite(size) && size > LONGEST) size *= 0.5, share *= 0.5;
         for (int i = 0; i < N; i++) {
-            double change = active ? r[i] : 0.0;
+            double change = active ? share * r[i] : 0.0;
             q[i] -= change;
             v[i] -= GAIN_V * change;
             a[i] -= GAIN_A * change;
-            size = !(fabs(r[i]) * scale[i] <= size) ? fabs(r[i]) * scale[i] : size;
         }
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
-        if (number == 1 && active) {
+        if (number == 1 && active && !careful) {
             double known = at_most(WORST_CONTRACTION, CAUTION * contraction);
             m->contraction = known > LEAST_CONTRACTION ? known : LEAST_CONTRACTION;
         }
-        if (active) left = size * contraction / (1.0 - contraction);
-        active = active && left > NEWTON_TOLERANCE && size > ROUND_OFF;
+        if (active) *left = careful ? size : size * contraction / (1.0 - contraction);
+        active = active && isfinite(size) && *left > tolerance && size > ROUND_OFF;
         last = size;
     }
+    return !active && isfinite(*left);
+}
+
+int pgmp_step(struct pgmp_model *m) {
+    const double end = STEP * (m->number + 1);
+    double q[N], v[N], a[N], strengths[AT_LEAST_ONE(N_STRENGTHS)], left = 0.0;
+    int done = 0;
+    m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
+    /* corrected twice, to see how it contracts */
+    if ((m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
+    for (int attempt = 0; attempt < N_ATTEMPTS && !done; attempt++) {
+        predict(m, attempt, q, v, a);
+        act(m, end, end, strengths, q, v, a);
+        done = converge(m, attempt, strengths, q, v, a, &left);
+        if (!done) m->contraction = FIRST_CONTRACTION;
+    }
+    if (!done) return m->validity |= PGMP_NOT_CONVERGED;
     for (int i = 0; i < N; i++) {
-        m->before[i] = m->a[i];
-        m->auxiliary[i] = ((1.0 - ALPHA_F) * a[i] + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) * weight;
+        double ahead = ahead_of(m, i, a[i]);
+        m->before[i] = m->a[i], m->auxiliary[i] = ahead;
         m->q[i] = q[i], m->v[i] = v[i], m->a[i] = a[i];
     }
+    m->number++;
     m->correction = left;
-    if (active || !(left * 0.0 == 0.0)) m->validity |= PGMP_NOT_CONVERGED;
     look_at_state(m);
     return m->validity;
 }

@@ -1,10 +1,12 @@
-/* A reduced mechanism in C99: steps of fixed work, no allocation, no library but libm.
+/* A reduced mechanism in C99: steps of bounded work, no allocation, no library but libm.
 
    written by pgmp_petsc
 
    Set parameters and strengths after pgmp_initialise; pgmp_start weighs the tables with the parameters and finds the
-   accelerations at time 0; pgmp_step takes one step of STEP seconds; pgmp_observe evaluates the outputs. Whoever has an
-   integrator of its own sets q and v and asks pgmp_accelerate for a. SI units. */
+   accelerations at time 0; pgmp_step takes one step of STEP seconds and returns validity; pgmp_observe evaluates the
+   outputs. A step that fails is not taken: state and time stay as they were, and validity has PGMP_NOT_CONVERGED until
+   one succeeds, as with other strengths. Whoever has an integrator of its own sets q and v and asks pgmp_accelerate for
+   a. SI units. */
 
 #ifndef PGMP_MODEL_H
 #define PGMP_MODEL_H
@@ -38,7 +40,7 @@ enum {
 enum {
     PGMP_ROTATION = 1,      /* an elastic rotation is, or was, beyond ROTATION_LIMIT */
     PGMP_OUT_OF_RANGE = 2,  /* a coordinate is, or was, outside the range of the tables */
-    PGMP_NOT_CONVERGED = 4, /* Newton's iteration was not at its end after the CORRECTIONS of a step */
+    PGMP_NOT_CONVERGED = 4, /* the last step that was asked for failed and was not taken */
     PGMP_NOT_FINITE = 8,    /* the state is no finite number */
     PGMP_PARAMETER = 16     /* a parameter is outside what the model was built for, or no finite number */
 };
@@ -56,7 +58,7 @@ struct pgmp_model {
     long number;        /* steps taken */
     double outputs[AT_LEAST_ONE(N_OUTPUTS)];
     double elastic_rotation; /* rad, the largest of any node at this instant */
-    double correction;       /* what the last step left, estimated, in units of the mechanism's size or 1 rad */
+    double correction;       /* what the last step taken left, estimated, in units of the mechanism's size or 1 rad */
     int validity;
 };
 

@@ -183,12 +183,16 @@ int unit_step(struct unit *me, double current, double size) {
     if (!(fabs(current - pgmp_time(&me->model)) <= 1e-3 * STEP))
         FAIL("the communication point is %.17g s, but the model is at %.17g s", current, pgmp_time(&me->model));
     refresh(me);
+    me->stale = 1;
     for (double k = 0.0; k < steps; k += 1.0) {
         pgmp_step(&me->model);
+        if (me->model.validity & PGMP_NOT_CONVERGED)
+            FAIL("the iteration of the step of %g s from %g s failed, and the model stays there; export again with a "
+                 "smaller simulation.step", (double)STEP, pgmp_time(&me->model));
         if (me->model.validity & PGMP_NOT_FINITE)
-            FAIL("the state is no finite number at %g s; take a smaller step", pgmp_time(&me->model));
+            FAIL("the state is no finite number at %g s; export again with a smaller simulation.step",
+                 pgmp_time(&me->model));
     }
-    me->stale = 1;
     return UNIT_OK;
 }
 
