@@ -217,56 +217,48 @@ class ModalProblem:
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))
-        found = np.zeros(loads.shape)
-        active = np.flatnonzero(self._feels(loads))
-        if not active.size:
-            return found
-        loads = loads[:, active]
         balanced = loads - m_kept @ (inverse @ self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
-        step = self._pencil.shifted_answers(loads)
-        undeflated = self.norms(step)
-        step += self._missed(balanced)
+        undeflated = self.norms(self._pencil.shifted_answers(loads))
         answers, m_answers = np.zeros((2, *loads.shape))
-        last = np.full(active.size, np.inf)
+        last = np.full(loads.shape[1], np.inf)
+        active = np.flatnonzero(self._feels(loads))
+        if not active.size:
+            return answers
         for number in range(MAX_REFINEMENTS):
-            if number:  # the first one is the answer to what is deflated too, which the answers are deflated from
-                residual = balanced - self.times_stiffness(answers)
-                step = self._pencil.shifted_answers(residual) + self._missed(residual)
+            step = self._steps(balanced[:, active] - self.times_stiffness(answers[:, active]))
             m_step = self.times_mass(step)
             known = inverse @ self.inner(kept, m_step)
             step -= kept @ known
             m_step -= m_kept @ known
-            answers += step
-            m_answers += m_step
-            squares = [np.einsum("dk,dk->k", step, m_step), np.einsum("dk,dk->k", answers, m_answers)]
+            answers[:, active] += step
+            m_answers[:, active] += m_step
+            squares = [np.einsum("dk,dk->k", step, m_step)]
+            squares.append(np.einsum("dk,dk->k", answers[:, active], m_answers[:, active]))
             size, whole = np.sqrt(np.maximum(self._summed(np.array(squares)), 0.0))
             # the first steps are exact along what is known: only then is the contraction that of what is left
-            ahead = size * size / last if number >= SETTLED else size
+            ahead = size * size / last[active] if number >= SETTLED else size
             # round-off of stiff directions may hold the steps up before that, but never far above
-            stalled = (size > 0.5 * last) & (size <= REFINEMENT_FLOOR * whole)
-            last = size
-            going = (np.minimum(size, ahead) > np.maximum(1e-13 * whole, ROUND_OFF * undeflated)) & ~stalled
-            if going.all():
-                continue
-            found[:, active[~going]] = answers[:, ~going]
+            stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
+            last[active] = size
+            going = (np.minimum(size, ahead) > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
             if not going.any():
-                return found
-            active, last, whole, undeflated = (part[going] for part in (active, last, whole, undeflated))
-            balanced, answers, m_answers = (part[:, going] for part in (balanced, answers, m_answers))
-        worst = np.max(last / whole)
+                return answers
+            worst = np.max(size[going] / whole[going])
+            active = active[going]
         raise RunError(
             f"{what}: {MAX_REFINEMENTS} refinements left a step of {worst:.2g} of the answer; the mesh may "
             "be too fine for double precision"
         )
 
-    def _missed(self, residual: np.ndarray) -> np.ndarray | float:
-        """Return what ``(K - sigma M)^-1`` times residuals (n_local, k) misses of ``K^-1``, along known modes."""
-        if self._known is None:
-            return 0.0
-        flexible, values = self._known.flexible, self._known.eigenvalues
-        missed = 1.0 / values - 1.0 / (values - self._pencil.shift)
-        return flexible @ (missed[:, None] * self.inner(flexible, residual))
+    def _steps(self, residual: np.ndarray) -> np.ndarray:
+        """Return ``(K - sigma M)^-1`` times residuals (n_local, k), and ``K^-1`` of their part along known modes."""
+        step = self._pencil.shifted_answers(residual)
+        if self._known is not None:
+            flexible, values = self._known.flexible, self._known.eigenvalues
+            missed = 1.0 / values - 1.0 / (values - self._pencil.shift)
+            step += flexible @ (missed[:, None] * self.inner(flexible, residual))
+        return step
 
     def _feels(self, loads: np.ndarray) -> np.ndarray:
         """Return which loads the constraints do not take up altogether, shape (k,)."""
