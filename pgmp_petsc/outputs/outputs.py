@@ -82,9 +82,7 @@ class OutputSet:
         poses = self.rigid and self.rigid.near(self._by_node(observed))
         return lambda beside: self._evaluated(beside, poses)
 
-    def _evaluated(
-        self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None
-    ) -> dict[str, np.ndarray]:
+    def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
         by_node = self._by_node(observed)
         rigid = poses and poses(by_node)
         of_stresses = dict(zip((stress.name for stress in self.stresses), observed[len(self.nodes) * self.n_frame :]))

@@ -65,7 +65,8 @@ SCENES = {
     ),
     "a loop with two coordinates": five_bar(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}', 'bodies.first.section.radius="r"',
-        'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}', 'coordinates.theta2={joint="right_hinge",range=[0.6,1.6]}',
+        'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}',
+        'coordinates.theta2={joint="right_hinge",range=[0.6,1.6]}',
         "simulation.initial={theta1={position=2.0,velocity=3.0},theta2={position=1.0,velocity=-2.0}}",
         'outputs.pin={type="angle",joint="pin"}', 'outputs.x={type="position",point="first:tip",axis="x"}',
         'outputs.bend={type="deformation",point="first:tip",axis="y"}',
@@ -110,8 +111,8 @@ def test_derivatives_of_solids_are_central_differences() -> None:
 
 
 def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
-    """Beams in space, whose rotations are no sums; stresses depend on the radius by themselves too. Loops are closed by a
-    table, and numerically."""
+    """Beams in space, whose rotations are no sums; stresses depend on the radius by themselves too. Poses are those of
+    a table, and found numerically."""
     drawn = scene_of("beams in space", "stress")
     start = ("simulation.initial.theta={position=0.1,velocity=5.0}", 'reduction.interpolation="spline"')
     scene = scene_from_toml(scene_to_toml(drawn), ".", (*start, *RUN))
