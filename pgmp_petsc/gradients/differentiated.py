@@ -130,8 +130,8 @@ def differentiate(
     contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
-        outputs = model.outputs.evaluate(model.observed_of(states.q, values))
         observed = ObservedChanges(model, values, states.q)
+        outputs = observed.outputs
         by_name = {name: observed.of(name, changes[:, number]) for number, name in enumerate(names)}
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
     _require_finite(outputs, derivatives, times)

@@ -95,7 +95,8 @@ class LoopClosure:
         jacobian = self.jacobian(poses) if jacobian is None else jacobian
         unit = np.zeros((len(jacobian), jacobian.shape[1], self.n_coordinates))
         unit[:, -self.n_coordinates :] = np.eye(self.n_coordinates)
-        return np.moveaxis(_solved(jacobian, unit), 0, -1).reshape(-1, self.n_pose, self.n_coordinates, len(jacobian))
+        shape = len(self.mechanism.bodies), self.n_pose, self.n_coordinates, len(jacobian)
+        return np.moveaxis(_solved(jacobian, unit), 0, -1).reshape(shape)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""

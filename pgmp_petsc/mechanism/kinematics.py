@@ -6,7 +6,7 @@ followed over the whole range once (`continuation`), and every later call starts
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -186,15 +186,51 @@ class RigidKinematics:
         theta = self.configurations(theta)
         if self._walk is not None:
             return self._walk.poses(theta)
+        turns = self._turns(theta)
+        inside = theta - 2 * np.pi * turns
+        poses = self.branch.guess(inside)
+        if not self._is_tabulated(inside):
+            poses = self._closure.close(poses, inside)
+        return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
+
+    def near(self, theta: np.ndarray, poses: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return what gives poses next to known ones, for central differences of what is made of poses.
+
+        Where a table closes the loops these are `poses`; otherwise they lie on the tangents, and no loop is closed
+        again: both sides then miss the same, of second order, which differences do not see.
+
+        Parameters
+        ----------
+        theta
+            Configurations, shape (n, n_theta), rad.
+        poses
+            From `poses` there, shape (n_bodies, n_pose, n); not a number where they are not known, and then next to
+            them neither.
+
+        Returns
+        -------
+        Callable
+            From configurations (n, n_theta), one next to each, to poses (n_bodies, n_pose, n).
+        """
+        theta = self.configurations(theta)
+        if self.branch is not None and self._is_tabulated(theta - 2 * np.pi * self._turns(theta)):
+            return self.poses
+        known = np.isfinite(poses).all(axis=(0, 1))
+        rates = np.full((*poses.shape[:2], *theta.T.shape), np.nan)
+        rates[..., known] = self.rates(poses[..., known])
+        return lambda beside: poses + np.einsum("bpkn,nk->bpn", rates, self.configurations(beside) - theta)
+
+    def _turns(self, theta: np.ndarray) -> np.ndarray:
+        """Return how often periodic coordinates have turned at theta, both (n, n_theta)."""
         turns = np.zeros_like(theta)
         for k, coordinate in enumerate(self.coordinates):
             if coordinate.periodic:
                 turns[:, k] = np.floor((theta[:, k] - coordinate.lower) / (2 * np.pi))
-        inside = theta - 2 * np.pi * turns
-        poses = self.branch.guess(inside)
-        if not (self.branch.is_exact and self.branch.covers(inside)):
-            poses = self._closure.close(poses, inside)
-        return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
+        return turns
+
+    def _is_tabulated(self, inside: np.ndarray) -> bool:
+        """Return whether the branch closes the loops at all configurations, taken to the first turn."""
+        return self.branch.is_exact and self.branch.covers(inside)
 
     def rates(self, poses: np.ndarray) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""

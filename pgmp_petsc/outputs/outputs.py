@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
+# of frames and poses of the rigid mechanism (n_bodies, n_pose, n), None where no output asks for them
+Function = Callable[[Frames, np.ndarray | None], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -47,20 +49,23 @@ class OutputSet:
     n_frame
         Numbers of a frame: 3 in the plane, in space 12 and the coordinates.
     functions
-        From frames to the values of an output, each of shape (n,); None of a stress.
+        From frames and `rigid` poses to the values of an output, each of shape (n,); None of a stress.
     stresses
         Stress outputs, in the order in which models observe them.
     reached
         From frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
         everywhere: none is a deformation, or every coordinate is periodic.
+    rigid
+        The rigid mechanism that deformations are taken from; None where there are none.
     """
 
     nodes: tuple[int, ...]
     units: dict[str, str]
     n_frame: int
-    functions: dict[str, Callable[[Frames], np.ndarray] | None]
+    functions: dict[str, Function | None]
     stresses: tuple[StressOutput, ...] = ()
     reached: Callable[[Frames], np.ndarray] | None = None
+    rigid: RigidReference | None = None
 
     def observed(self, frames: np.ndarray, stresses: np.ndarray) -> np.ndarray:
         """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n) and stresses
@@ -69,10 +74,20 @@ class OutputSet:
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
+        return self._evaluated(observed, self.rigid and self.rigid.poses)
+
+    def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+        """Return `evaluate` for what is observed there and next to it, for central differences; see
+        `RigidKinematics.near`."""
+        poses = self.rigid and self.rigid.near(self._by_node(observed))
+        return lambda beside: self._evaluated(beside, poses)
+
+    def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
         by_node = self._by_node(observed)
+        rigid = poses and poses(by_node)
         of_stresses = dict(zip((stress.name for stress in self.stresses), observed[len(self.nodes) * self.n_frame :]))
         return {
-            name: of_stresses[name] if function is None else function(by_node)
+            name: of_stresses[name] if function is None else function(by_node, rigid)
             for name, function in self.functions.items()
         }
 
@@ -126,15 +141,61 @@ class OutputSet:
             nodes |= needed
         mechanism = kinematics.mechanism
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
-        reached = None
-        limited = not all(coordinate.periodic for coordinate in mechanism.coordinates)
-        if limited and any(entry.type == "deformation" for entry in scene.outputs.values()):
-            measured, _ = measured_coordinates(kinematics)
+        rigid = reached = None
+        if any(entry.type == "deformation" for entry in scene.outputs.values()):
+            rigid = RigidReference(kinematics)
+            if not all(coordinate.periodic for coordinate in mechanism.coordinates):
+                reached = rigid.reached
+        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid)
 
-            def reached(frames: Frames) -> np.ndarray:
-                return within_reach(kinematics, measured(frames))
 
-        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached)
+class RigidReference:
+    """The rigid mechanism at the coordinates that joints of the flexible one have.
+
+    Parameters
+    ----------
+    kinematics
+        Of the mechanism.
+
+    Attributes
+    ----------
+    nodes
+        Global numbers of the nodes that joints are measured at.
+    """
+
+    def __init__(self, kinematics: RigidKinematics) -> None:
+        measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self._kinematics, self._angles = kinematics, [angle for angle, _ in measures]
+        self.nodes = set().union(*(needed for _, needed in measures))
+
+    def reached(self, frames: Frames) -> np.ndarray:
+        """Return where it can be placed, shape (n,)."""
+        return self._reached(self._measured(frames))
+
+    def poses(self, frames: Frames) -> np.ndarray:
+        """Return its poses (n_bodies, n_pose, n), not a number where it cannot be placed."""
+        return self._poses(self._measured(frames))
+
+    def near(self, frames: Frames) -> Callable[[Frames], np.ndarray]:
+        """Return what gives its poses for frames next to these, for central differences."""
+        measured = self._measured(frames)
+        poses = self._kinematics.near(measured, self._poses(measured))
+        return lambda beside: poses(self._measured(beside))
+
+    def _measured(self, frames: Frames) -> np.ndarray:
+        return np.stack([angle(frames) for angle in self._angles], axis=1)
+
+    def _reached(self, measured: np.ndarray) -> np.ndarray:
+        return self._kinematics.within_reach(measured).reshape(len(measured))
+
+    def _poses(self, measured: np.ndarray) -> np.ndarray:
+        inside = self._reached(measured)
+        if inside.all():
+            return poses_where_closed(self._kinematics, measured)
+        mechanism = self._kinematics.mechanism
+        poses = np.full((len(mechanism.bodies), mechanism.space.n_pose, len(measured)), np.nan)
+        poses[..., inside] = poses_where_closed(self._kinematics, measured[inside])
+        return poses
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
@@ -175,20 +236,14 @@ def joint_angle(
     return angle, nodes
 
 
-def measured_coordinates(kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
-    """Return the coordinates as the joints have them, from frames to shape (n, n_theta), rad."""
-    measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
-    nodes = set().union(*(needed for _, needed in measures))
-    return lambda frames: np.stack([angle(frames) for angle, _ in measures], axis=1), nodes
-
-
-def within_reach(kinematics: RigidKinematics, measured: np.ndarray) -> np.ndarray:
-    """Return where the rigid mechanism can be placed at measured coordinates (n, n_theta), shape (n,)."""
-    return kinematics.within_reach(measured).reshape(len(measured))
+def _of_frames(function: Callable[[Frames], np.ndarray]) -> Function:
+    """Return an output that has no use for the rigid mechanism."""
+    return lambda frames, rigid: function(frames)
 
 
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
-    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics, start), "rad"
+    angle, nodes = joint_angle(kinematics.mechanism.connection(entry.joint), kinematics, start)
+    return _of_frames(angle), nodes, "rad"
 
 
 def _sliding(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
@@ -204,7 +259,7 @@ def _distance(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
 
 def _measured(
     statement: Statement, sides: tuple[Attachment, Attachment], kinematics: RigidKinematics
-) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+) -> tuple[Function, set[int]]:
     """Return the value of a statement about two attachments."""
     nodes, natural = {side.node for side in sides if not side.on_ground}, kinematics.mechanism.space.natural
 
@@ -212,23 +267,23 @@ def _measured(
         n = next(frames[node] for node in nodes).shape[1]
         return statement.value(*(natural(_frame(side, frames, n)) for side in sides))
 
-    return value, nodes
+    return _of_frames(value), nodes
 
 
 def _rotation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point = kinematics.mechanism.attachment(entry.point, f"{name}.point")
-    return lambda frames: frames[point.node][2], {point.node}, "rad"
+    return _of_frames(lambda frames: frames[point.node][2]), {point.node}, "rad"
 
 
 def _position(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    return lambda frames: point.frame_of(frames[point.node])[axis], {point.node}, "m"
+    return _of_frames(lambda frames: point.frame_of(frames[point.node])[axis]), {point.node}, "m"
 
 
 def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
     origin = point.frame_of_pose(kinematics.poses(start[None]))[axis, 0]
-    return lambda frames: point.frame_of(frames[point.node])[axis] - origin, {point.node}, "m"
+    return _of_frames(lambda frames: point.frame_of(frames[point.node])[axis] - origin), {point.node}, "m"
 
 
 def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
@@ -247,18 +302,10 @@ def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.nda
 
 def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    coordinates, nodes = measured_coordinates(kinematics)
+    space = kinematics.mechanism.space
 
-    def deformation(frames: Frames) -> np.ndarray:
-        measured = coordinates(frames)
-        values = np.full(len(measured), np.nan)
-        inside = within_reach(kinematics, measured)
-        poses = poses_where_closed(kinematics, measured[inside])
-        d = kinematics.mechanism.space.dimension
-        moved = point.frame_of(frames[point.node])[:d, inside] - point.frame_of_pose(poses)[:d]
-        if entry.frame == "body":
-            moved = kinematics.mechanism.space.to_body(poses[point.body], moved)
-        values[inside] = moved[axis]
-        return values
+    def deformation(frames: Frames, rigid: np.ndarray) -> np.ndarray:
+        moved = point.frame_of(frames[point.node])[: space.dimension] - point.frame_of_pose(rigid)[: space.dimension]
+        return space.to_body(rigid[point.body], moved)[axis] if entry.frame == "body" else moved[axis]
 
-    return deformation, {point.node} | nodes, "m"
+    return deformation, {point.node} | RigidReference(kinematics).nodes, "m"

@@ -74,7 +74,8 @@ class Reconstruction:
 
         In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n).
         """
-        return self._frames(eta, self._displacements(eta))
+        theta = self._theta(eta)
+        return self._frames(theta, self._kinematics.poses(theta), self._displacements(eta))
 
     def unknowns(self, eta: np.ndarray) -> np.ndarray:
         """Return positions, in space with directors, and internal coordinates as a full-order model numbers them, shape
@@ -82,20 +83,22 @@ class Reconstruction:
         local, n_pose = self._displacements(eta), self._space.n_pose
         n_of_frames = n_pose * self._nodes.size
         found = np.empty((n_of_frames + local.shape[1] - self._n_nodal, len(eta)))
-        self._fill_frames(eta, local, found[:n_of_frames].reshape(self._nodes.size, n_pose, len(eta)))
+        theta, frames = self._theta(eta), found[:n_of_frames].reshape(self._nodes.size, n_pose, len(eta))
+        self._fill_frames(theta, self._kinematics.poses(theta), local, frames)
         found[n_of_frames:] = local[:, self._n_nodal :].T
         return found
 
-    def _frames(self, eta: np.ndarray, local: np.ndarray) -> np.ndarray:
+    def _theta(self, eta: np.ndarray) -> np.ndarray:
+        return eta[:, : self._kinematics.n_coordinates]
+
+    def _frames(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates if self._space is SPATIAL else 0
-        frames = np.empty((self._nodes.size, self._space.n_pose + n_theta, len(eta)))
-        self._fill_frames(eta, local, frames)
+        frames = np.empty((self._nodes.size, self._space.n_pose + n_theta, len(theta)))
+        self._fill_frames(theta, poses, local, frames)
         return frames
 
-    def _fill_frames(self, eta: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
+    def _fill_frames(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
         """Fill frames (n_nodes, n_pose, n), in space with the rigid coordinates behind where there is room."""
-        theta = eta[:, : self._kinematics.n_coordinates]
-        poses = self._kinematics.poses(theta)
         if self._space is SPATIAL:
             self._fill_in_space(theta, poses, local[:, : self._n_nodal], frames)
         else:
@@ -105,14 +108,17 @@ class Reconstruction:
         """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
         return self._displacements(eta).reshape(len(eta), self._nodes.size, self._space.n_dofs)
 
-    def along(self, eta: np.ndarray) -> Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]:
-        """Return what gives the frames of `frames` on lines through eta (n, n_eta), straight in displacements.
+    def along(self, eta: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]]:
+        """Return `frames` at eta (n, n_eta), and what gives them on lines through eta, straight in displacements.
 
-        It takes directions (n, n_eta), and what it returns for these how far to go along them (n,). Displacements in
-        body frames change by their exact derivative along the direction, so that no cell of the tables is left.
+        The latter takes directions (n, n_eta), and what it returns for these how far to go along them (n,).
+        Displacements in body frames change by their exact derivative along the direction, so that no cell of the tables
+        is left; poses are those of `RigidKinematics.near`.
         """
         n_theta, local = self._kinematics.n_coordinates, self._displacements(eta)
-        theta, delta = eta[:, :n_theta], np.ascontiguousarray(eta[:, n_theta:])
+        theta, delta = self._theta(eta), np.ascontiguousarray(eta[:, n_theta:])
+        poses = self._kinematics.poses(theta)
+        poses_near = self._kinematics.near(theta, poses)
         slopes = [self._shapes.product(theta, delta, k) for k in range(n_theta)]
 
         def line(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -121,9 +127,14 @@ class Reconstruction:
             rates = self._shapes.product(theta, np.ascontiguousarray(changes))
             for k, slope in enumerate(slopes):
                 rates += direction[:, k, None] * slope
-            return lambda far: self._frames(eta + far[:, None] * direction, local + far[:, None] * rates)
 
-        return line
+            def at(far: np.ndarray) -> np.ndarray:
+                there = theta + far[:, None] * self._theta(direction)
+                return self._frames(there, poses_near(there), local + far[:, None] * rates)
+
+            return at
+
+        return self._frames(theta, poses, local), line
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates

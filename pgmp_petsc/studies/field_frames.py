@@ -15,7 +15,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.outputs.outputs import measured_coordinates, poses_where_closed, within_reach
+from pgmp_petsc.outputs.outputs import RigidReference
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
@@ -36,7 +36,7 @@ def field_frames(
     """
     if not values:
         return {}
-    poses = rigid_poses(kinematics, np.moveaxis(nodal, 0, -1))
+    poses = RigidReference(kinematics).poses(dict(enumerate(np.moveaxis(nodal, 0, -1))))
     return {name: _field(field, kinematics, poses, values) for name, field in seen.points.items()}
 
 
@@ -72,17 +72,6 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
         raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
     nodal = np.moveaxis(model.frames_of(eta), 2, 0)
     return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
-
-
-def rigid_poses(kinematics: RigidKinematics, nodal: np.ndarray) -> np.ndarray:
-    """Return the poses (n_bodies, n_pose, n) of the rigid mechanism at the coordinates that frames of its nodes
-    (n_nodes, n_frame, n) have; not a number where it may not exist."""
-    measured = measured_coordinates(kinematics)[0](nodal)
-    inside = within_reach(kinematics, measured)
-    poses = np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, len(measured)), np.nan)
-    if inside.any():
-        poses[..., inside] = poses_where_closed(kinematics, measured[inside])
-    return poses
 
 
 def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, values: Fields) -> BodyField:

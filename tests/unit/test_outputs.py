@@ -112,6 +112,31 @@ def test_a_deformation_far_outside_a_limited_range_is_no_number() -> None:
     np.testing.assert_array_equal(np.isnan(seen(outputs, frames)["bent"]), [False] * 4 + [True])
 
 
+def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
+    """Of a mechanism whose loops a table closes, within its range and a little outside; far outside there are none."""
+    for beyond in (0.0, 0.5 * REACH, 1.1 * REACH):
+        _, kinematics, outputs = prepared(*LIMITED)
+        theta, step = np.array([0.1, 0.8, 1.5]), 1e-5
+        hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+
+        def moved(by: float) -> np.ndarray:
+            frames = rigid_frames(kinematics, outputs, theta)
+            frames[hinge, 2] += [-beyond + by, by, beyond + by]
+            return outputs.observed(frames, np.empty((0, theta.size)))
+
+        near = outputs.near(moved(0.0))
+        for name, values in outputs.evaluate(moved(0.0)).items():
+            np.testing.assert_array_equal(near(moved(0.0))[name], values)
+        known = slice(1, 2) if beyond > REACH else slice(None)
+        ahead, behind = (near(moved(by))["bent"] for by in (step, -step))
+        angle = (theta + [-beyond, 0.0, beyond])[known]
+        h = 1e-4
+        expected = -(slider(angle + h) - slider(angle - h)) / (2.0 * h)
+        # closed to 1e-12, over the step; and differences of the closed form
+        np.testing.assert_allclose(((ahead - behind) / (2.0 * step))[known], expected, rtol=0, atol=1e-6)
+        assert np.isnan(ahead).sum() == (2 if beyond > REACH else 0)
+
+
 def test_a_scene_without_outputs_needs_no_nodes() -> None:
     scene = slider_crank()
     outputs = OutputSet.of(scene, kinematics_of(scene))

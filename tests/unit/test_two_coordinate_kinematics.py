@@ -77,6 +77,29 @@ def test_derivatives_are_those_of_the_poses(linkage: RigidKinematics) -> None:
         np.testing.assert_allclose(second[:, :, :, k], change, rtol=0, atol=1e-4)
 
 
+def test_poses_next_to_known_ones_lie_on_tangents(linkage: RigidKinematics, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses, way, step = linkage.poses(THETA), np.random.default_rng(2).normal(size=THETA.shape), 1e-4
+    rates = np.einsum("bpkn,nk->bpn", linkage.rates(poses), way)
+    monkeypatch.setattr(linkage._closure, "newton", None)  # none is closed again
+    near = linkage.near(THETA, poses)
+    np.testing.assert_array_equal(near(THETA), poses)
+    # round-off of angles, 15 rad, over the step
+    np.testing.assert_allclose((near(THETA + step * way) - near(THETA - step * way)) / (2 * step), rates, atol=1e-9)
+    unknown = poses.copy()
+    unknown[..., 3] = np.nan
+    found = linkage.near(THETA, unknown)(THETA + step * way)
+    assert np.isnan(found[..., 3]).all()
+    fine = np.delete(np.arange(len(THETA)), 3)
+    np.testing.assert_allclose(found[..., fine], near(THETA + step * way)[..., fine], rtol=0, atol=1e-14)
+    assert np.isnan(linkage.near(THETA, np.full_like(poses, np.nan))(THETA)).all()
+
+
+def test_poses_of_a_table_are_those_of_the_table() -> None:
+    kinematics, theta = kinematics_of(slider_crank()), np.linspace(-5.0, 12.0, 30)[:, None]
+    beside = kinematics.near(theta, kinematics.poses(theta))(theta + 0.1)
+    np.testing.assert_array_equal(beside, kinematics.poses(theta + 0.1))
+
+
 def test_the_placement_chooses_the_branch() -> None:
     mirrored = kinematics_of(
         five_bar(
