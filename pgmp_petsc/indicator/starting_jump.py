@@ -26,6 +26,7 @@ from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import AT_REST, search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene.effects import StructuralDamping
 from pgmp_petsc.scene.load_parts import parts_of
@@ -101,7 +102,10 @@ def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: n
     if np.max(np.abs(model.start[1])) * model.scene.simulation.duration > AT_REST:
         return False  # it starts at rest alone
     statics, search = ReducedStatics(system, model.joint_angles), search_of(model.scene, model.kinematics.mechanism)
-    held = settle(statics, model.start[0][None], search)
+    try:
+        held = settle(statics, model.start[0][None], search)
+    except InputError:  # under large loads the search may end where the mechanism cannot close
+        return False
     if held.reasons:
         return False
     left = swing - held.unknowns[system.tables.n_coordinates :, 0]

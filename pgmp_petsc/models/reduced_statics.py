@@ -99,6 +99,8 @@ class ReducedStatics:
                 try:
                     step = np.linalg.solve(jacobian[sample], -defect[sample])
                 except np.linalg.LinAlgError:
+                    step = np.full(2 * r, np.nan)
+                if not np.isfinite(step).all():
                     lost[sample] = True
                     continue
                 eta[sample, :r] += step[:r]
@@ -152,7 +154,9 @@ class ReducedStatics:
             last = size
             if not active.any():
                 break
-        eta[samples] = state.q[samples]
+        # a sample that runs away is lost; angles of joints are asked for where it was
+        sound = samples & np.isfinite(state.q).all(axis=1)
+        eta[sound] = state.q[sound]
         return found
 
     def _state(self, eta: np.ndarray) -> State:

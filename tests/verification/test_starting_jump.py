@@ -13,7 +13,8 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_reduced
-from scenes import meshes_of
+from runs import reduced_model
+from scenes import meshes_of, slider_crank
 
 LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.81
 AREA, SECOND_MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
@@ -142,3 +143,16 @@ def test_large_estimated_errors_are_warned_of() -> None:
         assert len(found) == n_warnings
         if found:
             assert found[0].kind == "warning" and f"bend {100 * run.errors.share('bend'):.2g} %" in found[0].text
+
+
+ALL_TERMS = ("reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.second_order=true",
+             "reduction.angles=24", "simulation={duration=0.02, step=1e-3}")  # fmt: skip
+
+
+@pytest.mark.parametrize("torque", [32.0, 64.0])
+def test_a_load_without_static_answer_is_no_failure_of_the_remark(torque: float) -> None:
+    """The static deformation of a reduced slider-crank under so much has no end, and is no cure."""
+    motor = f"effects.motor.table=[[0.0, {torque}]]"
+    scene = slider_crank(motor, *ALL_TERMS)
+    (remark,) = said(reduced_model(scene))
+    assert remark.kind == "note" and "initial.equilibrium = true does not help here" in remark.text
