@@ -19,6 +19,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.reduced_arrays import Layout
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.elimination import solve_lanes
 from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
 from pgmp_petsc.gradients.lagrangian import fill_columns, fill_matrices, fill_residual, fill_tangents, take_up

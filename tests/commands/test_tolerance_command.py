@@ -95,7 +95,10 @@ def arguments(case: str, folder: Path) -> list[str]:
     return ["build", str(PAPER_SCENE), "-o", str(folder / "rom.h5"), *overridden(*REFUSED[case][0])]
 
 
-@pytest.mark.parametrize(("n_ranks", "cases"), [(1, tuple(REFUSED)), (3, ("basis", "step", "gravity at once, and impacts", "no outputs"))])
+OF_THREE_RANKS = ("basis", "step", "gravity at once, and impacts", "no outputs")
+
+
+@pytest.mark.parametrize(("n_ranks", "cases"), [(1, tuple(REFUSED)), (3, OF_THREE_RANKS)])
 def test_the_message_says_what_stands_in_the_way(
     mpirun: Callable, tmp_path: Path, n_ranks: int, cases: tuple[str, ...]
 ) -> None:
