@@ -191,7 +191,7 @@ class WatchedRun:
             fine &= np.isfinite(equilibria).all(axis=0)
         with np.errstate(all="ignore"):
             bent, missing = (np.max(np.abs(self._states[:, part, :, self._r :]), axis=(0, 2)) for part in (0, 3))
-            longest = longest_intervals(self._speeds, missing / bent, self._slowest)
+            longest = longest_intervals(self._speeds, missing / bent, self._slowest, self._crossings.shortest)
         needed = choose(self._indicator.schedules, np.where(fine, longest, np.inf))
         histories: list = [None] * n
         settled = np.zeros(n, dtype=bool)
