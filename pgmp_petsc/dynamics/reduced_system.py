@@ -203,7 +203,7 @@ class ReducedSystem:
         return self._memory.known[:, DEPTH, self._edges].T
 
     def depths_over(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
-        """Return how far each edge is crossed at times (n_t,), shape (n_t, n_samples, n_events); see `action_forces`."""
+        """Return how far edges are crossed at times (n_t,), shape (n_t, n_samples, n_events); see `action_forces`."""
         everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
         return self._known(times, trail, 0.0, everyone, False)[:, :, DEPTH, self._edges]
 

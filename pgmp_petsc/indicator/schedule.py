@@ -3,8 +3,8 @@
 About a hundred evaluations do for a motion that turns slowly. The residual changes as the mechanism turns, though, and
 bends the bodies the more dynamically the faster; a sample is therefore evaluated so often that it turns by no more than
 `TURN` between two evaluations. Where vibrations make up a good part of the bending, the residual vibrates too, and
-evaluations follow at the pace of the slowest one. While a stop is entered the residual is another one, which sets in and
-ends between two evaluations: its impulse is known to about the share of one of them in the whole contact, and so a
+evaluations follow at the pace of the slowest one. While a stop is entered the residual is another one, which sets in
+and ends between two evaluations: its impulse is known to about the share of one of them in the whole contact, and so a
 contact takes `IN_CONTACT` of them.
 
 Vibrations that are faster than the evaluations cannot be foreseen so. Seen at the rate 1/T, a residual of frequency f

@@ -21,6 +21,7 @@ are held for a while, until it has turned a little, and then taken anew (`hold`)
 equations of motion, determine it: integrated twice with fourth order from the exact start, they give the coordinates
 ``s - follow.delta`` that a scheme without an error of the step would have reached with these accelerations. It is no
 solution yet, because the accelerations belong to the integrator's coordinates; `residual_error` corrects for that.
+Accelerations bend where a law has an edge: they are integrated up to there and on, and the fourth order begins anew.
 Prescribed coordinates are what they are.
 """
 

@@ -205,7 +205,7 @@ def test_a_prescribed_coordinate_whose_acceleration_jumps_gives_the_impulse_of_i
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_accelerations_that_bend_at_an_edge_are_integrated_up_to_it_and_on(share: float) -> None:
-    """Of two straight pieces nothing is left; a polynomial across the edge leaves ``(share (1 - share) / 2 - 1 / 12)`` of
+    """Of two straight pieces nothing is left; a polynomial across the edge leaves ``share (1 - share) / 2 - 1 / 12`` of
     the change of slope times the squared step, by hand from the weights of fourth order."""
     none = np.zeros((1, 0))
     modes = Modes(none, none, np.zeros((1, 0, 0)), np.zeros((1, 0, 0)), np.zeros((1, 1, 0)), np.zeros((1, 1, 0)))
