@@ -202,6 +202,11 @@ class ReducedSystem:
         self._act_on_all(time, state)
         return self._memory.known[:, DEPTH, self._edges].T
 
+    def depths_over(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
+        """Return how far edges are crossed at times (n_t,), shape (n_t, n_samples, n_events); see `action_forces`."""
+        everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
+        return self._known(times, trail, 0.0, everyone, False)[:, :, DEPTH, self._edges]
+
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
         return self._energies(self._values, np.full(self.n_samples, time), state, *self._driven(time, state))

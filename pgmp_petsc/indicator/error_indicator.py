@@ -26,6 +26,7 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.indicator.checking_model import CheckingModel
+from pgmp_petsc.indicator.edge_crossings import EdgeCrossings
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
@@ -140,7 +141,8 @@ class WatchedRun:
         motion = np.take(trail, self._samples, axis=2)
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):
-            exact, missing = self._step_error.advance(motion, self._turns(numbers, motion))
+            shares = self._crossings.over(times, motion)
+            exact, missing = self._step_error.advance(motion, shares, self._turns(numbers, motion))
             self._keep(numbers, motion, exact, missing)
 
     def _begin(self, start: np.ndarray) -> None:
@@ -150,6 +152,7 @@ class WatchedRun:
         modes = self._indicator.modes.at(self._middles, self._weights)
         self._slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / self._indicator.step)
         self._step_error = StepError(self._indicator.step, start.copy(), modes, self._indicator.checking.driven)
+        self._crossings = EdgeCrossings(self._indicator.model, self._values, start)
         self._states[0] = q, v, a, np.zeros_like(q)
         self._theta[0] = q[:, :r]
 
@@ -188,7 +191,7 @@ class WatchedRun:
             fine &= np.isfinite(equilibria).all(axis=0)
         with np.errstate(all="ignore"):
             bent, missing = (np.max(np.abs(self._states[:, part, :, self._r :]), axis=(0, 2)) for part in (0, 3))
-            longest = longest_intervals(self._speeds, missing / bent, self._slowest)
+            longest = longest_intervals(self._speeds, missing / bent, self._slowest, self._crossings.shortest)
         needed = choose(self._indicator.schedules, np.where(fine, longest, np.inf))
         histories: list = [None] * n
         settled = np.zeros(n, dtype=bool)

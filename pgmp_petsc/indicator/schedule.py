@@ -3,7 +3,9 @@
 About a hundred evaluations do for a motion that turns slowly. The residual changes as the mechanism turns, though, and
 bends the bodies the more dynamically the faster; a sample is therefore evaluated so often that it turns by no more than
 `TURN` between two evaluations. Where vibrations make up a good part of the bending, the residual vibrates too, and
-evaluations follow at the pace of the slowest one.
+evaluations follow at the pace of the slowest one. While a stop is entered the residual is another one, which sets in
+and ends between two evaluations: its impulse is known to about the share of one of them in the whole contact, and so a
+contact takes `IN_CONTACT` of them.
 
 Vibrations that are faster than the evaluations cannot be foreseen so. Seen at the rate 1/T, a residual of frequency f
 looks like one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time
@@ -26,6 +28,7 @@ N_EVALUATIONS = 100
 MOST = 1600
 TURN = 0.15  # rad
 SHAKEN = 0.1
+IN_CONTACT = 15
 AGREED = 1.5  # ratio of two estimates, of which the second is then kept
 
 
@@ -78,7 +81,9 @@ def _every(stride: int, n_steps: int) -> np.ndarray:
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray) -> np.ndarray:
+def longest_intervals(
+    speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray, contacts: np.ndarray
+) -> np.ndarray:
     """Return the longest time between two evaluations, shape (n,), s.
 
     Parameters
@@ -89,8 +94,11 @@ def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarra
         What the time step did to the vibrations as a share of the bending, shape (n,).
     periods
         Time in which the slowest vibration turns by a radian, shape (n,), s.
+    contacts
+        Shortest contact, infinite where there is none, shape (n,), s.
     """
-    return np.minimum(TURN / np.maximum(speeds, 1e-300), np.where(shaken > SHAKEN, periods, np.inf))
+    turning = np.minimum(TURN / np.maximum(speeds, 1e-300), np.where(shaken > SHAKEN, periods, np.inf))
+    return np.minimum(turning, contacts / IN_CONTACT)
 
 
 def choose(choices: list[Schedule], longest: np.ndarray) -> np.ndarray:

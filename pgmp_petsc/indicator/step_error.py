@@ -21,6 +21,7 @@ are held for a while, until it has turned a little, and then taken anew (`hold`)
 equations of motion, determine it: integrated twice with fourth order from the exact start, they give the coordinates
 ``s - follow.delta`` that a scheme without an error of the step would have reached with these accelerations. It is no
 solution yet, because the accelerations belong to the integrator's coordinates; `residual_error` corrects for that.
+Accelerations bend where a law has an edge: they are integrated up to there and on, and the fourth order begins anew.
 Prescribed coordinates are what they are.
 """
 
@@ -128,15 +129,15 @@ class Held(NamedTuple):
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
-def advance(step, first, motion, past, held, turns, modal, vibration, smooth, free, exact, missing):
+def advance(step, since, motion, past, held, turns, modal, vibration, smooth, free, shares, exact, missing):
     """Advance the errors of all samples over some steps, in place, and say what the motion should be after each.
 
     Parameters
     ----------
     step
         s.
-    first
-        Number of steps done before.
+    since
+        Steps done since the start, or since each sample has crossed an edge of a law, shape (n,); moved on.
     motion
         Coordinates, velocities and accelerations at the beginning and at the end of every step, shape (n_steps + 1, 3,
         n, r + m).
@@ -155,6 +156,8 @@ def advance(step, first, motion, past, held, turns, modal, vibration, smooth, fr
         s and its rate, shape (2, n, r); of a prescribed coordinate its own at the beginning, and its speed there.
     free
         Whether each rigid coordinate is free, shape (r,).
+    shares
+        Of each step, before an edge of a law; see `EdgeCrossings.over`.
     exact, missing
         Results; see `StepError.advance`.
     """
@@ -165,16 +168,17 @@ def advance(step, first, motion, past, held, turns, modal, vibration, smooth, fr
     for number in range(motion.shape[0]):
         for b in range(n if number > 0 else 0):
             _advance_one(
-                step, first + number - 1, motion[number], b, past, held, now, s, modal, vibration, smooth, free,
-                exact[number - 1], missing[number - 1],
+                step, since[b], motion[number], b, past, held, now, s, modal, vibration, smooth, free,
+                shares[number - 1, b], exact[number - 1], missing[number - 1],
             )  # fmt: skip
+            since[b] = since[b] + 1 if shares[number - 1, b] > 1.0 else 0
         while n_turned < places.size and places[n_turned] == number:
             _take_other(motion[number], samples[n_turned], others, n_turned, held, now, modal, vibration, smooth)
             n_turned += 1
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, smooth, free, exact, missing):
+def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, smooth, free, share, exact, missing):
     """Advance the errors of a sample over a step to the state `motion`, (3, n, r + m)."""
     weights = WEIGHTS[min(n_done, WEIGHTS.shape[0] - 1)]
     r, m = free.size, held.squares.shape[1]
@@ -196,8 +200,11 @@ def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, 
             for p in range(N_VALUES - 1):
                 s[1 + p] += held.follow[b, c, d] * past[p, b, r + d]
         rate = smooth[1, b, c]
-        for p in range(N_VALUES):
-            smooth[1, b, c] += step * weights[p] * s[p]
+        if share > 1.0:
+            for p in range(N_VALUES):
+                smooth[1, b, c] += step * weights[p] * s[p]
+        else:
+            smooth[1, b, c] += step * _over_edge(s, share, n_done)
         smooth[0, b, c] += 0.5 * step * (rate + smooth[1, b, c]) + step * step / 12.0 * (s[1] - s[0])
         for p in range(2):
             exact[p, b, c] = smooth[p, b, c]
@@ -218,6 +225,13 @@ def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, 
         missing[b, r + d] = lack
         for c in range(r):
             missing[b, c] -= held.follow[b, c, d] * lack
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _over_edge(s, share, n_done):
+    """Return the mean over a step of what bends at an edge, from values at its end, its beginning and before."""
+    there = s[1] + (share * (s[1] - s[2]) if n_done > 0 else 0.0)
+    return 0.5 * (share * (s[1] + there) + (1.0 - share) * (there + s[0]))
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -312,7 +326,7 @@ class StepError:
     def __init__(self, step: float, start: np.ndarray, modes: Modes, driven: tuple[int, ...] = ()) -> None:
         (n, m), r = modes.omega.shape, modes.follow.shape[1]
         self._free = ~np.isin(np.arange(r), driven)
-        self._step, self._number = step, 0
+        self._step, self._since = step, np.zeros(n, dtype=np.int64)
         self._motion = start[None].copy()
         self._past = np.zeros((N_VALUES - 1, n, r + m))
         self._past[0] = start[2]
@@ -323,15 +337,20 @@ class StepError:
 
     def hold(self, samples: np.ndarray, modes: Modes) -> None:
         """Go on from here with other modes of some samples, given by their numbers."""
-        self.advance(self._motion[1:], Turns(np.zeros(samples.size, dtype=np.int64), samples, modes))
+        turns = Turns(np.zeros(samples.size, dtype=np.int64), samples, modes)
+        self.advance(self._motion[1:], np.empty((0, self._since.size)), turns)
 
-    def advance(self, motion: np.ndarray, turns: Turns | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def advance(
+        self, motion: np.ndarray, shares: np.ndarray, turns: Turns | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Take in the next steps.
 
         Parameters
         ----------
         motion
             Coordinates, velocities and accelerations at the end of each, shape (n_steps, 3, n, n_eta).
+        shares
+            Of each step, before an edge of a law, shape (n_steps, n); see `EdgeCrossings.over`.
         turns
             Other modes to go on with on the way.
 
@@ -350,9 +369,8 @@ class StepError:
             coming = turns.places, turns.samples, Held.of(turns.modes, self._step)
         states = np.concatenate([self._motion, motion])
         advance(
-            self._step, self._number, states, self._past, self._held, coming, self._modal, self._vibration,
-            self._smooth, self._free, exact, missing,
+            self._step, self._since, states, self._past, self._held, coming, self._modal, self._vibration,
+            self._smooth, self._free, shares, exact, missing,
         )  # fmt: skip
-        self._number += len(motion)
         self._motion = states[-1:].copy()
         return exact, missing

@@ -11,6 +11,7 @@ from pgmp_petsc.indicator.schedule import (
     AGREED,
     MOST,
     N_EVALUATIONS,
+    IN_CONTACT,
     SHAKEN,
     TURN,
     agree,
@@ -61,8 +62,11 @@ def test_a_sample_is_evaluated_as_often_as_it_turns_and_shakes() -> None:
     slow = TURN / 0.008
     speeds = np.array([0.0, slow, 1.01 * slow, 2 * slow, 1e9, 0.0, 0.0])
     shaken = SHAKEN * np.array([0.0, 0.0, 0.9, 0.9, 0.9, 0.9, 1.1])
-    longest = longest_intervals(speeds, shaken, np.full(7, 0.003))
+    longest = longest_intervals(speeds, shaken, np.full(7, 0.003), np.full(7, np.inf))
     np.testing.assert_array_equal(choose(choices, longest), [1, 1, 2, 3, 5, 1, 3])
+    contacts = IN_CONTACT * np.array([np.inf, 0.008, 0.0079, 0.1, 0.1, 0.001, 0.0029])
+    longest = longest_intervals(speeds, shaken, np.full(7, 0.003), contacts)
+    np.testing.assert_array_equal(choose(choices, longest), [1, 1, 2, 3, 5, 5, 4])
 
 
 def test_estimates_agree_in_all_outputs_or_not() -> None:

@@ -10,11 +10,18 @@ from scenes import RADIUS
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.edge_crossings import NONE, EdgeCrossings
 from pgmp_petsc.indicator.flexible_modes import LEAST, FlexibleModes, Modes, _factors
 from pgmp_petsc.indicator.step_error import StepError, Turns, find_turns
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 STEP = 1e-3
+
+
+def no_edge(n_steps: int, n: int = 1) -> np.ndarray:
+    """Return that steps of n samples cross no edge."""
+    return np.full((n_steps, n), NONE)
 
 
 class Oscillators:
@@ -88,7 +95,7 @@ def test_the_motion_and_its_error_are_the_exact_motion(held: int, ratios: tuple[
         motion.append(system.reduced(stepper.state))
         if number % held and number < 400:
             continue
-        exact, missing = error.advance(np.array(motion))
+        exact, missing = error.advance(np.array(motion), no_edge(len(motion)))
         error.hold(np.array([0]), modes)
         time = STEP * np.arange(number - len(motion) + 1, number + 1)[:, None]
         omega, follow = modes.omega[0], modes.follow[0]
@@ -127,14 +134,16 @@ def test_modes_are_taken_on_the_way_as_between_two_calls() -> None:
     at_once, in_parts = StepError(STEP, start, first), StepError(STEP, start, first)
     places = np.repeat([place for place, _ in turns], [len(samples) for _, samples in turns])
     who = np.concatenate([samples for _, samples in turns])
-    found = [at_once.advance(motion, Turns(places, who, others)), at_once.advance(motion)]
+    edges = no_edge(9, 2)
+    edges[4] = 0.3, 0.8
+    found = [at_once.advance(motion, edges, Turns(places, who, others)), at_once.advance(motion, edges)]
     expected, done, taken = [], 0, 0
     for place, samples in turns:
-        expected.append(in_parts.advance(motion[done:place]))
+        expected.append(in_parts.advance(motion[done:place], edges[done:place]))
         chosen = slice(taken, taken + len(samples))
         in_parts.hold(np.array(samples), Modes(*(part[chosen] for part in vars(others).values())))
         done, taken = place, chosen.stop
-    expected.append(in_parts.advance(motion))
+    expected.append(in_parts.advance(motion, edges))
     for which in range(2):
         joined = np.concatenate([part[which] for part in expected])
         np.testing.assert_array_equal(np.concatenate([part[which] for part in found]), joined)
@@ -185,13 +194,58 @@ def test_a_prescribed_coordinate_whose_acceleration_jumps_gives_the_impulse_of_i
         theta = np.array([0.5 * rate * time**2, rate * time, np.where(time > 0.0, rate, 0.0)])
         states = np.stack([theta.T, np.array([x, v, a]).T], axis=2)[:, :, None, :]
         error = StepError(step, states[0], modes, driven=(0,))
-        _, missing = error.advance(states[1:])
+        _, missing = error.advance(states[1:], no_edge(time.size - 1))
         exact = steady / omega**2 * (1.0 - np.cos(omega * time[1:]))
         lacked, found = exact - x[1:], missing[:, 0, 1]
         left.append(np.abs(found - lacked).max() / np.abs(lacked).max())
         assert np.abs(lacked).max() == pytest.approx(0.5 * step * drag * rate / omega, rel=0.05)
     # an impulse at the start stands for one that acts a third of the step later
     assert left[0] < 1.1 * omega * STEP / 3.0 and left[1] < 0.3 * left[0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_accelerations_that_bend_at_an_edge_are_integrated_up_to_it_and_on(share: float) -> None:
+    """Of two straight pieces nothing is left; a polynomial across the edge leaves ``share (1 - share) / 2 - 1 / 12`` of
+    the change of slope times the squared step, by hand from the weights of fourth order."""
+    none = np.zeros((1, 0))
+    modes = Modes(none, none, np.zeros((1, 0, 0)), np.zeros((1, 0, 0)), np.zeros((1, 1, 0)), np.zeros((1, 1, 0)))
+    before, after, n, at = 3.0, -200.0, 40, 17
+    time = STEP * np.arange(n + 1)
+    beyond = np.maximum(time - STEP * (at + share), 0.0)
+    bent = after - before
+    a, v = before * time + bent * beyond, before * time**2 / 2 + bent * beyond**2 / 2
+    states = np.array([np.zeros(n + 1), v, a]).T[:, :, None, None]
+    crossed = no_edge(n)
+    crossed[at] = share
+    found = []
+    for edges in (crossed, no_edge(n)):
+        exact, _ = StepError(STEP, states[0], modes).advance(states[1:], edges)
+        found.append(exact[-1, 1, 0, 0] - v[-1])
+    kick = bent * STEP**2
+    assert abs(found[0]) < 1e-9 * abs(kick)
+    assert found[1] == pytest.approx((share * (1.0 - share) / 2.0 - 1.0 / 12.0) * kick, rel=1e-8)
+
+
+def test_edges_are_found_between_the_ends_of_steps_call_by_call(stop_model: ReducedModel) -> None:
+    """Of an angle that is given: two samples, one of which enters a stop, leaves it and enters it again."""
+    n_eta = 1 + stop_model.terms.tables.n_modes
+    motion = np.zeros((8, 3, 2, n_eta))
+    motion[:, 0, 0, 0] = [0.0, 0.3, 0.7, 0.9, 0.8, 0.4, 0.2, 0.6]
+    motion[:, 0, 1, 0] = 0.1
+    time = STEP * np.arange(8)
+    crossings = EdgeCrossings(stop_model, {"r1": np.full(2, RADIUS)}, motion[0])
+    shares = np.concatenate([crossings.over(time[part], motion[part]) for part in (slice(1, 4), slice(4, 8))])
+    expected = no_edge(7, 2)
+    expected[[1, 4, 6], 0] = 0.5, 0.75, 0.75
+    np.testing.assert_allclose(shares, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(crossings.shortest, [3.25 * STEP, np.inf], rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def stop_model() -> ReducedModel:
+    stop = 'effects.limit={type="end_stop", joint="crank_hinge", upper=0.5, stiffness=100.0}'
+    scene = paper_scene("reduction.modes=4", "reduction.angles=24", stop)
+    return ReducedModel(scene, rom_of(scene))
 
 
 @pytest.fixture(scope="module")
