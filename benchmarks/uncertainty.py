@@ -1,11 +1,13 @@
 """What intervals are worth, and samplers: how often intervals hold, and with how few samples a mean is known.
 
-    python -m benchmarks.uncertainty coverage [--values 100 --repetitions 2000]
+    python -m benchmarks.uncertainty coverage [ensemble.h5] [--values 100 --repetitions 2000]
     python -m benchmarks.uncertainty indices
     python -m benchmarks.uncertainty samplers rom.h5
 
 `coverage` describes 400 samples of 400 values from laws that are known, as an ensemble is described, and counts how
-often its intervals hold the true figures; 400 repetitions know a count of 95 % to 1.1 %. `samplers` runs ensembles of
+often its intervals hold the true figures; 400 repetitions know a count of 95 % to 1.1 %. With an ensemble the laws are
+those of its outputs, whose figures over all samples count as true: 1,000,000 are split into 400 times 400 and more that
+have no part in each other. `samplers` runs ensembles of
 scrambled Sobol points, 16 of each of six sizes with seeds of their own, and compares their means with that of a large
 one. Independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
 repeats Sobol indices of Ishigami's function, which are known.
@@ -14,8 +16,9 @@ repeats Sobol indices of Ishigami's function, which are known.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -30,7 +33,9 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_rom
 
@@ -48,20 +53,49 @@ INDEX_SEEDS, N_REPLICATES = range(400), 8
 SIZES, SEEDS, REFERENCE = (64, 128, 256, 512, 1024, 2048), range(16), 16_384
 
 
-def coverage(n_values: int, repetitions: int) -> Table:
+class Law(NamedTuple):
+    """A law whose figures are known: samples of its values, mean, deviation and quantiles, and the value that it
+    exceeds with the probability `RARE`."""
+
+    name: str
+    samples: Iterable[np.ndarray]
+    true: np.ndarray
+    limit: float
+
+
+def known_laws(n_values: int, repetitions: int) -> Iterator[Law]:
+    """Yield laws in closed form."""
+    for number, (name, law) in enumerate(LAWS.items()):
+        random = np.random.default_rng(number)
+        samples = (law.rvs(n_values, random_state=random) for _ in range(repetitions))
+        yield Law(name, samples, np.array([law.mean(), law.std(), *law.ppf(QUANTILES)]), law.isf(RARE))
+
+
+def laws_of(path: Path, n_values: int, repetitions: int) -> Iterator[Law]:
+    """Yield those of the outputs of a large ensemble of independent samples."""
+    ensemble = Ensemble.read(path)
+    if len(ensemble.status) < 2 * n_values * repetitions or np.any(ensemble.status != 0):
+        raise InputError(
+            f"'{path}' has {len(ensemble.status)} samples, {np.sum(ensemble.status != 0)} of them failed; "
+            f"{repetitions} samples of {n_values} values take {2 * n_values * repetitions} without a failed one"
+        )
+    for name, values in ensemble.outputs.items():
+        samples = values[: n_values * repetitions].reshape(repetitions, n_values)
+        true = np.array([values.mean(), values.std(), *np.quantile(values, QUANTILES)])
+        yield Law(name, samples, true, float(np.quantile(values, 1.0 - RARE)))
+
+
+def coverage(laws: Iterable[Law], n_values: int, repetitions: int) -> Table:
     """Return how often intervals hold, in percent."""
     rows = []
-    for number, (name, law) in enumerate(LAWS.items()):
-        random, limit = np.random.default_rng(number), law.isf(RARE)
-        true = np.array([law.mean(), law.std(), *law.ppf(QUANTILES), RARE])
-        held = np.zeros(true.size)
-        for _ in range(repetitions):
-            values = law.rvs(n_values, random_state=random)
+    for law in laws:
+        true, held = np.append(law.true, RARE), np.zeros(law.true.size + 1)
+        for values in law.samples:
             found = describe(values, 10, QUANTILES, confidence=LEVEL)
-            chance = intervals.of_probability(int(np.sum(values > limit)), n_values, LEVEL)
+            chance = intervals.of_probability(int(np.sum(values > law.limit)), n_values, LEVEL)
             ends = np.array([found.mean_interval, found.std_interval, *found.quantile_intervals, chance])
             held += (ends[:, 0] <= true) & (true <= ends[:, 1])
-        rows.append([name, *(f"{100 * share:.1f}" for share in held / repetitions)])
+        rows.append([law.name, *(f"{100 * share:.1f}" for share in held / repetitions)])
     quantiles = (f"{100 * p:g} % quantile" for p in QUANTILES)
     header = ["law", "mean", "deviation", *quantiles, f"probability {RARE:g}"]
     words = f"Intervals at {100 * LEVEL:g} % that hold the true figure, in % of {repetitions} samples of {n_values}."
@@ -141,21 +175,25 @@ def _interval(values: np.ndarray, n_replicates: int) -> np.ndarray:
 def main(arguments: argparse.Namespace) -> None:
     """Measure what is asked for, and print it."""
     if arguments.what == "samplers":
-        for table in samplers(arguments.rom):
+        for table in samplers(arguments.file):
             print(table.markdown(), end="\n\n", flush=True)
+    elif arguments.what == "indices":
+        print(indices().markdown())
     else:
-        table = indices() if arguments.what == "indices" else coverage(arguments.values, arguments.repetitions)
-        print(table.markdown())
+        size = arguments.values, arguments.repetitions
+        laws = known_laws(*size) if arguments.file is None else laws_of(arguments.file, *size)
+        print(coverage(laws, *size).markdown())
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("coverage", "indices", "samplers"))
-    parser.add_argument("rom", nargs="?", type=Path, help="reduced model of a scene with uncertain parameters")
+    words = "reduced model of a scene with uncertain parameters (samplers), or a large ensemble (coverage)"
+    parser.add_argument("file", nargs="?", type=Path, help=words)
     parser.add_argument("--values", type=int, default=400, help="of a sample")
     parser.add_argument("--repetitions", type=int, default=400, help="samples of every law")
     arguments = parser.parse_args()
-    if arguments.what == "samplers" and arguments.rom is None:
+    if arguments.what == "samplers" and arguments.file is None:
         parser.error("samplers: a reduced model is needed")
     start_petsc()
     end(guarded(lambda: main(arguments)))
