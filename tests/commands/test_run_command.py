@@ -199,7 +199,7 @@ def test_commands_without_figures_can_be_quiet_too(scene: Path, first: str, tmp_
     }
     for words, path in made.items():
         assert run(capfd, *words, path, "--quiet") == ("", "") and path.exists(), words
-    assert run(capfd, "run", scene, "--quiet") == ("", "")  # all is there already
+    assert run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, "--quiet") == ("", "")
 
 
 @pytest.mark.parametrize(
