@@ -60,25 +60,26 @@ class Statement:
 
         An angle is nearest to `turned`, which broadcasts against s, rad.
         """
-        return self._evaluated(a, b, turned)[0]
+        return self._evaluated(a, b, 0, turned)[0]
 
     def gradient(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return ds/d(a, b), shape (2 d (d + 1), ...)."""
-        return self._evaluated(a, b)[1]
+        return self._evaluated(a, b, 1)[1]
 
     def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the derivative of the gradient, shape (2 d (d + 1), 2 d (d + 1), ...)."""
-        return self._evaluated(a, b)[2]
+        return self._evaluated(a, b, 2)[2]
 
     def _evaluated(
-        self, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, a: np.ndarray, b: np.ndarray, order: int, turned: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, ...]:
+        """Return s and its derivatives up to `order`."""
         n, trailing = n_frame(self.axes.shape[1]), a.shape[1:]
         z = np.concatenate([a[:n].reshape(n, -1), b[:n].reshape(n, -1)]).astype(float, order="C")
-        values, gradients, hessians = np.empty(z.shape[1]), np.empty(z.shape), np.empty((2 * n, *z.shape))
-        turned = np.full(trailing, turned, dtype=float).reshape(-1)
-        _evaluate_all(self.kind, self.axes, z, turned, values, gradients, hessians)
-        return tuple(part.reshape((*part.shape[:-1], *trailing)) for part in (values, gradients, hessians))
+        turned, m = np.full(trailing, turned, dtype=float).reshape(-1), z.shape[1]
+        parts = np.empty(m), np.empty((2 * n, m * (order > 0))), np.empty((2 * n, 2 * n, m * (order > 1)))
+        _evaluate_all(self.kind, self.axes, z, turned, *parts)
+        return tuple(part.reshape((*part.shape[:-1], *trailing)) for part in parts[: order + 1])
 
 
 def n_frame(dimension: int) -> int:
@@ -134,12 +135,15 @@ def _statement(kind: int, **directions: np.ndarray) -> Statement:
 
 @njit(cache=True, error_model="numpy")
 def _evaluate_all(kind, axes, z, turned, values, gradients, hessians):
-    """Evaluate a statement at pairs of frames, the columns of z."""
+    """Evaluate a statement at pairs of frames, the columns of z; derivatives without columns are not wanted."""
     gradient, hessian, spare = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0])), np.empty(z.shape[0])
+    first, second = gradients.shape[1] > 0, hessians.shape[2] > 0
     for k in range(z.shape[1]):
-        values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], True, gradient, hessian, spare)
-        gradients[:, k] = gradient
-        hessians[:, :, k] = hessian
+        values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], second, gradient, hessian, spare)
+        if first:
+            gradients[:, k] = gradient
+        if second:
+            hessians[:, :, k] = hessian
 
 
 @njit(cache=True, error_model="numpy")
