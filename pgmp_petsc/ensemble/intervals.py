@@ -118,7 +118,9 @@ def of_probability(count: int, n: int, confidence: float) -> np.ndarray:
         return UNKNOWN
     from scipy.stats import binomtest
 
-    return np.array(binomtest(count, n).proportion_ci(confidence, method="wilson"))
+    with np.errstate(divide="ignore"):  # of its test whether the share is a half, which nobody asks for
+        found = binomtest(count, n)
+    return np.array(found.proportion_ci(confidence, method="wilson"))
 
 
 def of_share(count: int, n: int, confidence: float) -> np.ndarray:

@@ -124,6 +124,14 @@ def test_a_probability_of_nothing_seen_is_not_known_to_be_nothing() -> None:
     assert np.isnan(intervals.of_probability(0, 0, 0.95)).all()
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_rare_probability_of_many_samples_warns_of_nothing() -> None:
+    p, n, z = 3 / 10_000, 10_000, stats.norm.ppf(0.975)
+    reach = z * np.sqrt(p * (1.0 - p) / n + z**2 / (4 * n**2))  # Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212
+    ends = (p + z**2 / (2 * n) + reach * np.array([-1.0, 1.0])) / (1.0 + z**2 / n)
+    np.testing.assert_allclose(intervals.of_probability(3, n, 0.95), ends, rtol=1e-9)
+
+
 def test_the_spread_between_replicates_is_that_of_the_mean() -> None:
     """Two replicates that hardly differ: the interval knows it, that of independent values does not."""
     half = np.linspace(0.0, 1.0, 101)
