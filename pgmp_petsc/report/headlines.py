@@ -10,6 +10,7 @@ from pgmp_petsc.figures.style import MODELS
 from pgmp_petsc.figures.trajectories import Comparison
 from pgmp_petsc.report.datum import share_text
 from pgmp_petsc.report.sources import Build
+from pgmp_petsc.report.verdict import MUCH_MORE
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.numbers import interval_text, number_text
 from pgmp_petsc.runtime.files import RunRecord
@@ -48,8 +49,14 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     worst = max(known, key=lambda name: np.max(known[name][1]))
     time, error = known[worst]
     alike = ", with the same time step," if comparison.same_steps else ""
-    share, when = share_text(np.max(error) / 100.0), f"{time[np.argmax(error)]:.4g} s"
-    return f"differs from {MODELS[other.model]}{alike} by at most {share} of the largest {worst}, at {when}"
+    share, when = np.max(error) / 100.0, f"{time[np.argmax(error)]:.4g} s"
+    estimated = {} if run.errors is None or not comparison.same_steps else run.errors.outputs
+    own, rest = run.errors.share(worst) if worst in estimated else np.nan, ""
+    if MUCH_MORE * own < share:
+        rest = f"; {share_text(own)} is estimated to be the {MODELS[run.model]} run's"
+        rest += ", the rest the time step's in the other"
+    largest = f"at most {share_text(share)} of the largest {worst}, at {when}"
+    return f"differs from {MODELS[other.model]}{alike} by {largest}{rest}"
 
 
 def headline_of_ensemble(path: Path) -> str:

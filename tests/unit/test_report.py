@@ -364,6 +364,14 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     verdict, budget = of(files[0], files[2])
     assert "same time step" not in verdict and "estimated" not in verdict
     assert not any(what.startswith("model and time step") for what in budget)
+    # a reduced run without the vibrations of the full-order one has less of the step's error
+    errors = {name: np.full(11, 0.01 * size) for name, size in largest.items()}
+    replace(run, errors=EstimatedErrors(times, errors, largest)).write(files[0])
+    verdict, _ = of(*files[:2])
+    assert "itself is estimated to be off by 1 % of it; the rest should be the time step's error" in verdict
+    told = "; 1 % is estimated to be the reduced run's, the rest the time step's in the other"
+    assert headline_of_comparison(*files[:2]).endswith(told)
+    assert "estimated" not in headline_of_comparison(files[0], files[2])
 
 
 def test_marks_of_samples_that_failed_are_counted() -> None:
