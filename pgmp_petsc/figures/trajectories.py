@@ -56,7 +56,7 @@ class Comparison:
 
     @property
     def same_steps(self) -> bool:
-        """Whether both runs have the same instants, so that errors of the time step hardly show between them."""
+        """Whether both runs have the same instants, so that what the time step does wrong in both does not show."""
         return len({(run.time.tobytes(), run.steps_divided) for run in self.runs}) == 1
 
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
