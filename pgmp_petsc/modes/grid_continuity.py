@@ -99,8 +99,8 @@ class GridBasis:
             if n_modes < len(start) and _can_be_followed(samples.of_first(n_modes), start[:n_modes, :n_modes]):
                 raise RunError(
                     "the static answers in the basis cannot be followed over the configurations, though its "
-                    f"{n_modes} mode(s) alone can: at some configurations an answer is nearly a combination of the modes "
-                    "and of the other answers; leave some out, or all (reduction.static_modes, "
+                    f"{n_modes} mode(s) alone can: at some configurations an answer is nearly a combination of the "
+                    "modes and of the other answers; leave some out, or all (reduction.static_modes, "
                     "reduction.inertia_modes, reduction.spring_modes = false), and keep more reduction.modes instead"
                 ) from None
             raise
