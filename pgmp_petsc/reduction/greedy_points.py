@@ -161,11 +161,10 @@ class _Configuration:
             snapshot = np.zeros((self.n_kept + n * q, q))
             snapshot[: self.n_kept] = self.coefficients[:, place[candidate]]
             snapshot[self.n_kept + place[candidate]] = np.eye(q)
-            inner = basis.T @ stiffness @ basis
+            forces = basis.T @ stiffness
+            inner = forces @ basis
             scale = 1.0 / np.sqrt(np.diag(inner))
-            projected = np.linalg.solve(
-                inner * scale * scale[:, None], scale[:, None] * (basis.T @ stiffness @ snapshot)
-            )
+            projected = np.linalg.solve(inner * scale * scale[:, None], scale[:, None] * (forces @ snapshot))
             rest = snapshot - basis @ (scale[:, None] * projected)
             worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
         return worst
@@ -180,4 +179,4 @@ def _middles(kinematics: RigidKinematics) -> np.ndarray:
 
 def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Return ``v^T K v`` of every column, shape (k,)."""
-    return np.maximum(np.einsum("ij,ik,kj->j", vectors, stiffness, vectors), 0.0)
+    return np.maximum(np.einsum("ij,ij->j", vectors, stiffness @ vectors), 0.0)
