@@ -24,14 +24,14 @@ def require_settled(system: SecondOrderSystem) -> None:
         system.settled.require()
 
 
-def start_remarks(system: SecondOrderSystem) -> tuple[Remark, ...]:
-    """Return where runs start from static equilibrium, and whether they will stay there."""
+def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]:
+    """Return where runs of a scene start from static equilibrium, and whether they will stay there."""
     settled = system.settled
     if settled is None:
         return ()
     places = ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(settled.names, settled.theta[0]))
     if not settled.free:
-        return (note(f"the run starts from static deformation with coordinates held at {places}, and lets them go"),)
+        return (note(f"the run starts from static deformation with coordinates held at {places}{_let_go(scene)}"),)
     remarks = [note(f"the run starts from static equilibrium at {places}")]
     if np.any(settled.unstable):
         remarks.append(
@@ -48,7 +48,7 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
     if not scene.initial.equilibrium:
         return ()
     if scene.initial.coordinates == "held":
-        return (note("every sample starts from its own static deformation with coordinates held, and lets them go"),)
+        return (note(f"every sample starts from its own static deformation with coordinates held{_let_go(scene)}"),)
     remarks = [note("every sample starts from its own static equilibrium")]
     if unstable.any():
         remarks.append(
@@ -58,3 +58,12 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
             )
         )
     return tuple(remarks)
+
+
+def _let_go(scene: Scene) -> str:
+    """Return what is said of coordinates that are held at first: prescribed ones go on as they are told."""
+    driven = {effect.coordinate for effect in scene.effects.values() if effect.type == "prescribed_motion"}
+    if not driven:
+        return ", and lets them go"
+    let_go = [name for name in scene.coordinates if name not in driven]
+    return f", and lets {', '.join(let_go)} go" if let_go else ""

@@ -8,7 +8,7 @@ follow, so that neighbouring lines stay neighbours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,11 @@ class GridNeighbours:
             mask[(slice(None),) * axis + (0,)] = False
         return mask
 
+    def of_first(self, n_vectors: int) -> GridNeighbours:
+        """Return what is known of the first vectors alone."""
+        first = slice(n_vectors)
+        return replace(self, eigenvalues=self.eigenvalues[:, first], overlaps=self.overlaps[..., first, first])
+
 
 @dataclass(frozen=True, eq=False)
 class GridBasis:
@@ -85,8 +90,24 @@ class GridBasis:
         Raises
         ------
         RunError
-            If neighbouring lines do not stay together even so.
+            If neighbouring lines do not stay together even so; told is whether the modes alone would.
         """
+        try:
+            return cls._followed(samples, start)
+        except RunError:
+            n_modes = samples.eigenvalues.shape[1]
+            if n_modes < len(start) and _can_be_followed(samples.of_first(n_modes), start[:n_modes, :n_modes]):
+                raise RunError(
+                    "the static answers in the basis cannot be followed over the configurations, though its "
+                    f"{n_modes} mode(s) alone can: at some configurations an answer is nearly a combination of the "
+                    "modes and of the other answers; leave some out, or all (reduction.static_modes, "
+                    "reduction.inertia_modes, reduction.spring_modes = false), and keep more reduction.modes instead"
+                ) from None
+            raise
+
+    @classmethod
+    def _followed(cls, samples: GridNeighbours, start: np.ndarray) -> GridBasis:
+        """Carry a basis as `of` does; the error blames the modes."""
         n_axes = len(samples.shape)
         met = np.concatenate([samples.along(axis)[samples.meaningful(axis)] for axis in range(n_axes)])
         groups = group_modes(samples.eigenvalues, met)
@@ -102,6 +123,15 @@ class GridBasis:
             cosines[axis][mask] = cosines_of(samples.along(axis)[mask], groups)
         m = start.shape[0]
         return cls(groups, rotations.reshape(-1, m, m), flipped, cosines.min(axis=0).ravel())
+
+
+def _can_be_followed(samples: GridNeighbours, start: np.ndarray) -> bool:
+    """Return whether a continuous basis is found."""
+    try:
+        GridBasis._followed(samples, start)
+    except RunError:
+        return False
+    return True
 
 
 def _carry(samples: GridNeighbours, groups: Sequence[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -115,7 +115,7 @@ class _Configuration:
     mass
         ``X^T M X`` at the nominal parameters, shape (n_candidates, q, n_candidates, q).
     stiffness
-        ``W^T K_c W`` at every candidate c with W = [V, X], shape (n_candidates, w, w).
+        ``W^T K_c W`` at every candidate c with W = [V, X], each of shape (w, w).
     coefficients
         ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains
         nothing), shape (n_kept, n_candidates q).
@@ -123,7 +123,7 @@ class _Configuration:
 
     n_kept: int
     mass: np.ndarray
-    stiffness: np.ndarray
+    stiffness: tuple[np.ndarray, ...]
     coefficients: np.ndarray
 
     @classmethod
@@ -137,11 +137,11 @@ class _Configuration:
         found = snapshots.at(theta, flexible)
         rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))
         everything = np.hstack([flexible, rest])
-        stiffness = [problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems]
+        stiffness = tuple(problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems)
         n, q = len(found), found[0].shape[1]
         mass = problem.inner(rest, problem.times_mass(rest)).reshape(n, q, n, q)
         along = problem.inner(flexible, problem.times_mass(np.hstack(found)))
-        return cls(flexible.shape[1], mass, np.array(stiffness), along)
+        return cls(flexible.shape[1], mass, stiffness, along)
 
     def shares(self, chosen: Sequence[int], n_vectors: int) -> np.ndarray:
         """Return the missed share of the energy norm of every candidate, shape (n_candidates,)."""
@@ -161,11 +161,10 @@ class _Configuration:
             snapshot = np.zeros((self.n_kept + n * q, q))
             snapshot[: self.n_kept] = self.coefficients[:, place[candidate]]
             snapshot[self.n_kept + place[candidate]] = np.eye(q)
-            inner = basis.T @ stiffness @ basis
+            forces = basis.T @ stiffness
+            inner = forces @ basis
             scale = 1.0 / np.sqrt(np.diag(inner))
-            projected = np.linalg.solve(
-                inner * scale * scale[:, None], scale[:, None] * (basis.T @ stiffness @ snapshot)
-            )
+            projected = np.linalg.solve(inner * scale * scale[:, None], scale[:, None] * (forces @ snapshot))
             rest = snapshot - basis @ (scale[:, None] * projected)
             worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
         return worst
@@ -180,4 +179,4 @@ def _middles(kinematics: RigidKinematics) -> np.ndarray:
 
 def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Return ``v^T K v`` of every column, shape (k,)."""
-    return np.maximum(np.einsum("ij,ik,kj->j", vectors, stiffness, vectors), 0.0)
+    return np.maximum(np.einsum("ij,ij->j", vectors, stiffness @ vectors), 0.0)

@@ -118,14 +118,16 @@ def remarks_on_sizes(
         for size in missing
         if size.share > SERIOUS and size.kind != "gravity"
     ]
-    small = [f"{size.kind} {size.share:.2g}" for size in missing if size.share <= SERIOUS or size.kind == "gravity"]
-    if small:
+    small = [size for size in missing if size.share <= SERIOUS or size.kind == "gravity"]
+    beyond = [f"{size.kind} {size.share:.2g}" for size in small if size.share > sizes.tolerance]
+    if beyond:
         remarks.append(
             note(
-                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(small)}; see pgmp "
+                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(beyond)}; see pgmp "
                 "check --effects"
             )
         )
+    remarks += [note(_beside_another(size)) for size in small if size.share <= sizes.tolerance]
     return tuple(remarks)
 
 
@@ -288,11 +290,18 @@ def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[s
     return [
         f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
         if size.share > tolerance
-        else f"the scene leaves out {size.kind} (share {size.share:.2g}), without which another term that it leaves "
-        "out is not taken"
+        else _beside_another(size)
         for size in sizes
         if _is_missing(scene, size)
     ]
+
+
+def _beside_another(size: EffectSize) -> str:
+    """Return what is said of a term that is too small to matter by itself."""
+    return (
+        f"the scene leaves out {size.kind} (share {size.share:.2g}), without which another term that it leaves out is "
+        "not taken"
+    )
 
 
 def _is_missing(scene: Scene, size: EffectSize) -> bool:

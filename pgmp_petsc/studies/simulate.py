@@ -194,7 +194,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             system = model.single(model.scene.values, comm)
             require_settled(system)
         with system, timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
-            started[:] = start_remarks(system)
+            started[:] = start_remarks(model.scene, system)
             record = FullRecord(model, system, fields, frame_steps(simulation))
 
             def observe(step: int, time: float, state: State) -> None:
@@ -255,7 +255,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
-        looked = {"watched": watched, "validity": validity, "system": system, "started": start_remarks(system)}
+        started = start_remarks(model.scene, system)
+        looked = {"watched": watched, "validity": validity, "system": system, "started": started}
         return replace(part, recorded={**part.recorded, **looked, "start": start})
 
     part, steps = _furthest(once, model.scene.simulation)

@@ -22,7 +22,7 @@ from pgmp_petsc.runtime.files import open_file
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_choice import choose_effects
-from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
 FOUR_BAR = ROOT / "scenes" / "four_bar.toml"
@@ -118,11 +118,19 @@ def test_what_is_no_part_of_the_change_of_stiffness_is_named() -> None:
 
 
 def test_what_goes_with_another_term_is_said_so() -> None:
-    """A share below the tolerance is not said to exceed it."""
-    sizes = sizes_of(ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2")
+    """A share below the tolerance is not said to exceed it, by the check or by a build."""
+    from mpi4py import MPI
+
+    path, short = ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2"
+    sizes = sizes_of(path, short)
     assert shares(sizes)["geometric_stiffening"] < sizes.tolerance < shares(sizes)["mode_inertia"]
     (warned,) = (text for text in sizes.warnings if "geometric_stiffening" in text)
     assert warned.endswith("without which another term that it leaves out is not taken")
+    beyond, beside = (
+        remark.text for remark in remarks_on_sizes(*read_scene(path, [short], [], MPI.COMM_SELF, Purpose.BUILD))
+    )
+    assert "effects with shares beyond" in beyond and "mode_inertia" in beyond and "stiffening" not in beyond
+    assert beside == warned
 
 
 def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:

@@ -63,3 +63,22 @@ def test_samples_without_equilibrium_are_records(
     warned = "3 of 3 samples failed (status 7): no static equilibrium was found to start from"
     assert out.count(warned) == 1, "said once"
     np.testing.assert_array_equal(Ensemble.read(path).status, 7)
+
+
+def test_a_prescribed_coordinate_is_not_said_to_be_let_go(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """One of two coordinates is prescribed; then both, none of which is let go."""
+    rest = "[[0.0, {0}], [0.05, {0}], [0.1, {1}]]"
+    left, right = (
+        f'effects.{name}_motor={{type="prescribed_motion",coordinate="{name}",table={rest.format(*ends)}}}'
+        for name, ends in (("left", (2.0, 2.1)), ("right", (1.1, 1.2)))
+    )
+    short = ["initial.equilibrium=true", "simulation.duration=0.002", "reduction.static_modes=false"]
+    held, started = "the run starts from static deformation with coordinates held at left = 2 rad, right = 1.", []
+    scene, path = ROOT / "scenes" / "five_bar.toml", tmp_path / "run.h5"
+    for drives, begun in (
+        ([], "left={position=2.0},right={position=1.1}"), ([left], "right={position=1.1}"), ([left, right], ""),
+    ):  # fmt: skip
+        given = overridden(*short, *drives, f"simulation.initial={{{begun}}}")
+        assert status_of("simulate", scene, "--full", *given, "-o", path) == 0
+        started += [line for line in capfd.readouterr().out.splitlines() if held in line]
+    assert [line.split(" rad")[-1] for line in started] == [", and lets them go", ", and lets right go", ""]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -143,6 +144,25 @@ def test_a_mode_that_meets_one_that_is_not_kept_cannot_be_followed() -> None:
         _, neighbours = sampled(lowest, grid((16, 17), periodic))
         with pytest.raises(RunError, match="a mode that is kept meets one that is not"):
             GridBasis.of(neighbours, np.eye(1))
+
+
+def test_a_static_answer_that_cannot_be_followed_is_told_from_modes() -> None:
+    """A mode keeps apart; the answer beside it changes its sign around a configuration, whatever the grid."""
+
+    def answered(first: float, second: float) -> np.ndarray:
+        across, along = np.cos(first + 0.1) + np.cos(second + 0.1), np.sin(first + 0.1)
+        answer = FRAME[:, :2] @ np.linalg.eigh([[across, along], [along, -across]])[1][:, :1]
+        mode = drifting(first, second)[:, 2:]
+        return np.column_stack([mode - FRAME[:, :2] @ (FRAME[:, :2].T @ mode), answer])
+
+    for shape in ((16, 17), (32, 34)):
+        vectors, neighbours = sampled(answered, grid(shape, (False, False)), apart=True)
+        alone = neighbours.of_first(1)
+        np.testing.assert_array_equal(alone.overlaps, neighbours.overlaps[..., :1, :1])
+        assert GridBasis.of(alone, np.eye(1)).cosines.min() > 0.5
+        beside = replace(neighbours, eigenvalues=neighbours.eigenvalues[:, :1])
+        with pytest.raises(RunError, match=r"static answers .* though its 1 mode.s. alone can.*reduction.spring_modes"):
+            GridBasis.of(beside, np.eye(2))
 
 
 def test_the_sample_before() -> None:
