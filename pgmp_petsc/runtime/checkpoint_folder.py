@@ -215,8 +215,7 @@ class CheckpointFolder:
             raise InputError(f"{refused}it is no folder; move it away, or give another output")
         try:
             found = json.loads((self.path / LABEL).read_text())
-            # labels of older versions did not name the program
-            if found.get("program") != PROGRAM and not {"format", "scene"} <= found.keys():
+            if found.get("program") != PROGRAM:
                 raise ValueError("it does not name this program")
         except FileNotFoundError:
             # a run that ended before it had written the label

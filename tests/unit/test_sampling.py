@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scenes import slider_crank
 from scipy import stats
 
+from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.designs import Blocks, Design, Replicates
 from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -288,3 +292,25 @@ def test_any_continuous_distribution_is_truncated_to_bounds(name: str, shapes: d
 def test_the_deviation_is_that_of_the_truncated_distribution(law, bounds, expected: float) -> None:
     parameter = Parameter.model_validate({"nominal": 5.0, "distribution": law, "bounds": bounds})
     assert parameter.deviation == pytest.approx(expected, rel=2e-4)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a longer run alike where that has the same samples; not of another seed, sampler or reading of the sampler."""
+    scene = drawn_by(sampler)
+    named = Sampler(scene, Plan(40, 4)).named
+    assert (Sampler(scene, Plan(80, 4)).named == named) == (sampler != "latin_hypercube")
+    assert Sampler(scene, Plan(40, 4)).named == named != Sampler(scene, Plan(40, 5)).named
+    assert all(Sampler(drawn_by(other), Plan(40, 4)).named != named for other in SAMPLERS if other != sampler)
+    if sampler in ("sobol", "saltelli"):
+        fewer = scene.model_copy(update={"ensemble": scene.ensemble.model_copy(update={"replicates": 4})})
+        assert "8 replicates" in named["sampler"] and "4 replicates" in Sampler(fewer, Plan(40, 4)).named["sampler"]
+        # as when one sequence had all points, or all blocks
+        monkeypatch.setattr(sampling, {"sobol": "Replicates", "saltelli": "Blocks"}[sampler], of_one_sequence(sampler))
+        found = Sampler(scene, Plan(40, 4)).named
+        assert found["sampler"] == named["sampler"] and found["design of samples"] != named["design of samples"]
+
+
+def of_one_sequence(sampler: str) -> Callable[[int, int, int], Design]:
+    kind = Replicates if sampler == "sobol" else Blocks
+    return lambda seed, d, n_replicates: kind(seed, d, 1)
