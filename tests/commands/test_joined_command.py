@@ -379,6 +379,8 @@ def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tu
     distribution = model.scene.parameters["r1"].model_copy(update={"bounds": (1e-3, 11e-3)})
     other.scene = model.scene.model_copy(update={"parameters": {"r1": distribution}})
     refused(replace(plain, kept=kept), "parameters.r1 is not that of the file", other)
+    drawn = {"r1": np.where(np.arange(10) == 7, 1.000001, 1.0) * plain.parameters["r1"]}
+    refused(replace(plain, kept=kept, parameters=drawn), "sample 7 has r1 = ")
     record = replace(plain.record, seed=None)
     path = folder / "of_table.h5"
     status = np.where(np.arange(10) == 2, 2, 0)
