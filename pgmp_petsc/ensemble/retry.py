@@ -118,8 +118,8 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
         if differing.size:
             k = differing[0]
             raise InputError(
-                f"{OPTION} {path}: sample {k} has {name} = {there[k]:.9g} there and {here[k]:.9g} here: another version "
-                f"wrote it, whose sampler {sampler.kind} drew other samples; run the ensemble again"
+                f"{OPTION} {path}: sample {k} has {name} = {there[k]:.9g} there and {here[k]:.9g} here: it is of "
+                f"another version, whose sampler {sampler.kind} drew other samples; run the ensemble again"
             )
 
 

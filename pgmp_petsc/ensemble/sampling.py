@@ -87,17 +87,18 @@ class Sampler:
         return np.isin(np.arange(n) % size, (0, size - 1)) if self.kind == "saltelli" else np.ones(n, dtype=bool)
 
     @property
-    def named(self) -> dict[str, str]:
-        """What tells the design from another one, by key: also from one that another version of the program reads out
-        of the same scene and seed. Uniform numbers are the same to the bit on every machine, as values need not be."""
+    def named(self) -> tuple[str, str]:
+        """The design in words, and the identity of its first numbers, which tells it from what another version of the
+        program reads out of the same words. Uniform numbers are the same to the bit on every machine, as values need
+        not be."""
         if self._design is None:
-            return {"sampler": self.kind}
+            return self.kind, ""
         turns = self.kind in ("sobol", "saltelli")
         n_replicates = self._scene.ensemble.replicates if turns else 1
         n = ROUNDS_NAMED * n_replicates * (self.unit if self.kind == "saltelli" else 1)
         numbers = self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples))
         kind = f"{self.kind} of {n_replicates} replicates" if turns else self.kind
-        return {"sampler": kind, "design of samples": identity(numbers)}
+        return kind, identity(numbers)
 
     def _designed(self) -> Design:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble

@@ -240,10 +240,9 @@ class CheckpointFolder:
                     "and only a larger number may be given; leave --resume out to start anew"
                 )
         for key, value in self._run.items():
-            if found.get(key) != value:
-                shown = (
-                    "" if isinstance(value, str) and len(value) == 64 else f" ({found.get(key)} there, {value} here)"
-                )
+            there = found.get(key, "not named")
+            if there != value:
+                shown = "" if isinstance(value, str) and len(value) == 64 else f" ({there} there, {value} here)"
                 raise InputError(
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"

@@ -6,7 +6,6 @@ import os
 import resource
 import shutil
 import zipfile
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from pgmp_petsc.runtime.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
 TABLES = "0123"
-DESIGN = {"sampler": "random", "design of samples": 64 * "a"}
+DESIGN = "random", 64 * "a"
 
 
 @pytest.fixture
@@ -64,7 +63,7 @@ def taken_up(
     scene: str = SCENE,
     model: str = "reduced",
     tables: str = TABLES,
-    design: Mapping[str, str] = DESIGN,
+    design: tuple[str, str] = DESIGN,
     **changes: object,
 ) -> Checkpoint:
     return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, design)
@@ -136,8 +135,8 @@ def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
         ({"tables": "4567"}, r"its reduced model differs"),
-        ({"design": {**DESIGN, "sampler": "sobol of 8 replicates"}}, r"its sampler differs \(random there, sobol of 8"),
-        ({"design": {**DESIGN, "design of samples": 64 * "b"}}, r"its design of samples differs;"),
+        ({"design": ("sobol of 8 replicates", DESIGN[1])}, r"its sampler differs \(random there, sobol of 8"),
+        ({"design": (DESIGN[0], 64 * "b")}, r"its design of samples differs;"),
     ],
 )
 def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: dict, message: str) -> None:
@@ -145,6 +144,14 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     with pytest.raises(InputError, match=r"--resume: '.*e\.h5\.partial' belongs to another run: " + message):
         again(plan, **change)
     assert again(plan) == {0}
+
+
+def test_a_checkpoint_that_names_no_sampler_is_refused(plan: Plan) -> None:
+    """As older versions wrote it, whose designs may have been others."""
+    label = started(plan, 0).folder / "run.json"
+    label.write_text(label.read_text().replace('"sampler": "random", ', ""))
+    with pytest.raises(InputError, match=r"its sampler differs \(not named there, random here\)"):
+        again(plan)
 
 
 def test_a_longer_run_takes_up_a_shorter_one(plan: Plan) -> None:

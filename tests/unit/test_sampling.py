@@ -304,11 +304,11 @@ def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.Mo
     assert all(Sampler(drawn_by(other), Plan(40, 4)).named != named for other in SAMPLERS if other != sampler)
     if sampler in ("sobol", "saltelli"):
         fewer = scene.model_copy(update={"ensemble": scene.ensemble.model_copy(update={"replicates": 4})})
-        assert "8 replicates" in named["sampler"] and "4 replicates" in Sampler(fewer, Plan(40, 4)).named["sampler"]
+        assert "8 replicates" in named[0] and "4 replicates" in Sampler(fewer, Plan(40, 4)).named[0]
         # as when one sequence had all points, or all blocks
         monkeypatch.setattr(sampling, {"sobol": "Replicates", "saltelli": "Blocks"}[sampler], of_one_sequence(sampler))
         found = Sampler(scene, Plan(40, 4)).named
-        assert found["sampler"] == named["sampler"] and found["design of samples"] != named["design of samples"]
+        assert found[0] == named[0] and found[1] != named[1]
 
 
 def of_one_sequence(sampler: str) -> Callable[[int, int, int], Design]:
