@@ -231,6 +231,16 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
                     "ensemble, which draws from the distribution"
                 )
             )
+        with np.errstate(all="ignore"):  # scipy divides by zero where there is no variance
+            varies_finitely = parameter.bounds is not None or np.isfinite(parameter.deviation)
+        if not varies_finitely:
+            remarks.append(
+                warning(
+                    f"parameters.{name}: its distribution, {parameter.distribution.name}, has no finite variance, so "
+                    "that deviations, and means with them, need not settle with more samples, nor do their intervals "
+                    "hold; give bounds, or go by the quantiles"
+                )
+            )
         below, above = parameter.cut_off
         if below + above > 0.0 and name not in variables:
             low, high = parameter.bounds

@@ -130,6 +130,16 @@ def test_bounds_that_cut_nothing_off_change_no_sample() -> None:
     np.testing.assert_array_equal(draw(slider_crank(NORMAL, "parameters.r1.bounds=[-1.0, 1.0]"), 2, 0, 50)["r1"], free)
 
 
+@pytest.mark.parametrize("law", ['name="cauchy", loc=5.6e-3, scale=1e-5', 'name="t", df=1.5, loc=5.6e-3, scale=1e-5'])
+def test_a_distribution_without_a_finite_variance_is_warned_of(law: str) -> None:
+    (cut,) = draw_remarks(slider_crank(f"parameters.r1.distribution={{{law}}}", "parameters.r1.bounds=[-1e9, 1e9]"))
+    assert cut.kind == "note" and "cut off" in cut.text
+    scene = slider_crank(f"parameters.r1.distribution={{{law}}}")
+    unbounded = scene.parameters["r1"].model_copy(update={"bounds": None})
+    (endless,) = draw_remarks(scene.model_copy(update={"parameters": {"r1": unbounded}}))
+    assert endless.kind == "warning" and "has no finite variance" in endless.text
+
+
 def test_what_bounds_cut_off_is_said() -> None:
     (cut,) = draw_remarks(bounded(-2.0, 3.0))
     assert cut.kind == "note" and "truncated to the bounds [-2, 3]" in cut.text
