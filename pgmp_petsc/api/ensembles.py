@@ -304,9 +304,11 @@ def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> No
 
 
 def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scene) -> Result:
-    """Return the result, and remove what was kept on the way once it is written. Collective on the ranks."""
+    """Return the result, and remove what was kept on the way once it is written, unless a rule is not met yet: then
+    more samples may go on from it. Collective on the ranks."""
     result = keeper.result(found, origin.directory, scene.remarks)
-    if keeper.output is not None and keeper.comm.rank == 0:
+    goes_on = isinstance(found, Ensemble) and found.stopping is not None and not all(found.stopping.met)
+    if keeper.output is not None and keeper.comm.rank == 0 and not goes_on:
         remove_checkpoint(plan)
     return result
 

@@ -58,9 +58,10 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
     interval = f"{_percent(next(iter(ensemble.statistics.values())).confidence)} interval"
     yield f"  {'':24s}{'mean':>14s} {interval:26s}{'deviation':>12s} {interval:26s}{'samples':>9s}"
     for name, s in ensemble.statistics.items():
+        title = f"{name}: first passage" if name in ensemble.first_passages else name
         mean = f"{_number(s.mean, s.mean_interval, 7):>14s} {_interval(s.mean_interval):26s}"
         std = f"{_number(s.std, s.std_interval, 6):>12s} {_interval(s.std_interval):26s}"
-        yield f"  {name:24s}{mean}{std}{s.count:9d} {_unit(ensemble, name)}".rstrip()
+        yield f"  {title:24s}{mean}{std}{s.count:9d} {_unit(ensemble, name)}".rstrip()
 
 
 def _quantiles(ensemble: Ensemble) -> Iterator[str]:

@@ -121,7 +121,7 @@ def damping_power(
     terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
     """Return the power ``-eta'^T D eta'`` of structural damping but for what brakes the momentum, shape (n,), W."""
-    entries = terms.terms(q[:, : terms.tables.n_coordinates])[:, :, terms.layout.damping :]
+    entries = terms.damping_terms(q[:, : terms.tables.n_coordinates])
     weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
     return -_form(np.einsum("nt,nte->ne", weights, entries), 0, v)
 

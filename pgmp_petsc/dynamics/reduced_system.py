@@ -204,32 +204,33 @@ class ReducedSystem:
 
     def depths_over(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return how far edges are crossed at times (n_t,), shape (n_t, n_samples, n_events); see `action_forces`."""
-        everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
-        return self._known(times, trail, 0.0, everyone, False)[:, :, DEPTH, self._edges]
+        return self._known(times, trail)[:, :, DEPTH, self._edges]
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
-        return self._energies(self._values, np.full(self.n_samples, time), state, *self._driven(time, state))
+        return self.energies_over(np.array([time]), np.array([[state.q, state.v, state.a]]))
+
+    def energies_over(self, times: np.ndarray, trail: np.ndarray) -> Energies:
+        """Return energies and powers at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta): of all samples at
+        one time after the other, each of shape (n_t * n_samples,)."""
+        n, residual = times.size * self.n_samples, np.zeros_like(trail[:, 0])
+        for k, time in enumerate(times if self._motions else ()):
+            residual[k] = self.residual(float(time), State(*trail[k], np.zeros(0)))
+        known = self._known(times, trail).reshape(n, 4, len(self._actions.actions))
+        values = {name: np.tile(value, times.size) for name, value in self._values.items()}
+        *parts, residual = (part.reshape(n, -1) for part in (*np.moveaxis(trail, 1, 0), residual))
+        return self._energies(values, np.repeat(times, self.n_samples), State(*parts, np.zeros(0)), residual, known)
 
     def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
         """Return energies and powers of a system of one sample at several instants, each a row of the states."""
         values = {name: value[0] for name, value in self._values.items()}
         trail = np.stack([states.q, states.v], axis=1)[:, :, None]
-        known = self._known(times, trail, 0.0, self._lanes.sets(np.ones(1, dtype=bool)), False)[:, 0]
+        known = self._known(times, trail)[:, 0]
         residual = np.zeros_like(states.q)
         for k, time in enumerate(times if self._motions else ()):
             one = slice(k, k + 1)
             residual[one] = self.residual(time, State(states.q[one], states.v[one], states.a[one], states.multipliers))
         return self._energies(values, times, states, residual, known)
-
-    def _driven(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual, where coordinates are prescribed, and what is known of the actions."""
-        residual = np.zeros_like(state.q)
-        if self._motions:
-            residual = self.residual(time, state)
-        else:
-            self._act_on_all(time, state)
-        return residual, self._memory.known
 
     def _energies(
         self, values: Mapping[str, Any], times: np.ndarray, state: State, residual: np.ndarray, known: np.ndarray
@@ -264,8 +265,7 @@ class ReducedSystem:
         """
         if not self._actions.actions:
             return np.empty((times.size, self.n_samples, 0))
-        everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
-        forces = self._known(times, trail, 0.0, everyone, False)[:, :, FORCE]
+        forces = self._known(times, trail)[:, :, FORCE]
         weighted = forces[..., None] * self._lanes.place_weights.T[:, None]
         return weighted.reshape(*forces.shape[:2], forces.shape[2] * weighted.shape[3])
 
@@ -372,15 +372,15 @@ class ReducedSystem:
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
-            self._known(
-                np.array([time]), np.array([[state.q, state.v]]), gain_v, self._lanes.sets(active), with_tangent
-            )
+            self._known(np.array([time]), np.array([[state.q, state.v]]), active, gain_v, with_tangent)
 
     def _known(
-        self, times: np.ndarray, trail: np.ndarray, gain_v: float, lanes: np.ndarray, with_tangent: bool
-    ) -> np.ndarray:
-        """Evaluate the actions on some lanes at times (n_t,); return what is known of them, (n_t, n_samples, 4,
-        n_actions), as of `act`."""
+        self, times: np.ndarray, trail: np.ndarray, active: np.ndarray | None = None, gain_v: float = 0.0,
+        with_tangent: bool = False,
+    ) -> np.ndarray:  # fmt: skip
+        """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
+        n_samples, 4, n_actions), as of `act`."""
+        lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         actions = self._actions.actions
         found, amplitudes = np.zeros((times.size, self.n_samples, 4, len(actions))), amplitudes_over(actions, times)
         if found.size:

@@ -63,6 +63,11 @@ class ReducedTerms:
     scale: np.ndarray
     damping: ReducedDamping | None = None
 
+    @cached_property
+    def damping_terms(self) -> Interpolant:
+        """Structural damping of every term alone, rows of shape (n_terms, n_packed)."""
+        return Interpolant(self.terms.axes, np.ascontiguousarray(self.terms.rows[..., self.layout.damping :]))
+
     @classmethod
     def of(
         cls,

@@ -54,6 +54,9 @@ class Checkpoint:
     tables
         Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
         differ, and so may meshes of the same name.
+    design
+        Where samples come from, in words, and the identity of the numbers (`Sampler.named`): a checkpoint of another
+        design is refused.
     extends
         Whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
@@ -65,7 +68,15 @@ class Checkpoint:
         What the whole ensemble is, by key; the same for all its shards.
     """
 
-    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str, extends: bool = True) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        scene_toml: str,
+        model: str,
+        tables: str,
+        design: tuple[str, str],
+        extends: bool = True,
+    ) -> None:
         self._plan = plan
         fixed, grows = {}, extends and plan.shard is None
         if not extends:
@@ -75,11 +86,13 @@ class Checkpoint:
         run = {
             "format": FORMAT,
             "model": model,
+            "sampler": design[0],
             **fixed,
             "seed": plan.seed,
             "file of samples": identity("") if plan.file is None else plan.file.identity,
             "scene": identity(scene_toml),
             "reduced model" if model == "reduced" else "meshes": tables,
+            "design of samples": design[1],
         }
         self.run = dict(run)
         if plan.shard is not None:

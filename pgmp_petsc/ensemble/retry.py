@@ -14,10 +14,11 @@ import numpy as np
 
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.batch import Batch, SampleFile
+from pgmp_petsc.ensemble.batch import Batch, Plan, SampleFile
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
 from pgmp_petsc.runtime.errors import InputError
@@ -27,6 +28,8 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 OPTION = "--retry-failed"
 FURTHER = (*DIVISORS, 16, 32, 64)  # of the scene's step
 FREE = {"ensemble": {"batch", "failed_share"}, "scene": {"name", "description"}}  # entries that no sample depends on
+
+SAME_DRAW = 1e-9  # of a value: machines differ in the last digits of distributions, other designs in the first
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,8 @@ def read_earlier(path: Path, model: Model) -> Earlier:
     _check_scene(path, scene_from_toml(found.record.scene_toml, path.parent), model.scene)
     n, seed = len(found.status), found.record.seed
     file = None if seed is not None else read_samples(path, model.scene, None)
+    if file is None:
+        _check_draws(path, found, Sampler(model.scene, Plan(n, seed)))
     return Earlier(path, n, n_failed, seed or 0, file)
 
 
@@ -101,6 +106,21 @@ def _check_scene(path: Path, there: Scene, here: Scene) -> None:
                 )
         elif a != b:
             raise InputError(f"{OPTION} {path}: [{table}] is not that of the file; leave it as it was")
+
+
+def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
+    """Refuse samples that are not those of the sampler: failed ones would be drawn anew among fine ones of another
+    design, as another version of the program had it."""
+    drawn = sampler.draw(0, len(found.status))
+    for name in sampler.names:
+        there, here = found.parameters[name], drawn[name]
+        differing = np.flatnonzero(~np.isclose(there, here, rtol=SAME_DRAW, atol=0.0, equal_nan=True))
+        if differing.size:
+            k = differing[0]
+            raise InputError(
+                f"{OPTION} {path}: sample {k} has {name} = {there[k]:.9g} there and {here[k]:.9g} here: it is of "
+                f"another version, whose sampler {sampler.kind} drew other samples; run the ensemble again"
+            )
 
 
 def fine_pieces(earlier: Earlier, share: float) -> Iterator[tuple[Piece, Batch]]:

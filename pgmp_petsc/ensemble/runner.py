@@ -82,7 +82,7 @@ class Integration:
             self.model = model = of_samples(model, self.sampler.names)
         self._divisors = DIVISORS
         toml = scene_to_toml(model.scene)
-        self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.extends)
+        self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.named, self.sampler.extends)
         self._finished = on_root(self.comm, self.checkpoint.open)
         with agreed(self.comm, "preparing the error indicator"):
             self._watching = Watching(model)

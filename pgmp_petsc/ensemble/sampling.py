@@ -15,6 +15,7 @@ import numpy as np
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.designs import Blocks, Design, Independent, LatinHypercube, Replicates
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.correlation import correlation_matrix
@@ -24,6 +25,7 @@ from pgmp_petsc.scene.uses import stop_ends
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
+ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take turns
 
 
 class Sampler:
@@ -83,6 +85,20 @@ class Sampler:
         """Return which of n samples statistics are of, (n,): all, but of blocks the points A and B."""
         size = len(self.names) + 2
         return np.isin(np.arange(n) % size, (0, size - 1)) if self.kind == "saltelli" else np.ones(n, dtype=bool)
+
+    @property
+    def named(self) -> tuple[str, str]:
+        """The design in words, and the identity of its first numbers, which tells it from what another version of the
+        program reads out of the same words. Uniform numbers are the same to the bit on every machine, as values need
+        not be."""
+        if self._design is None:
+            return self.kind, ""
+        turns = self.kind in ("sobol", "saltelli")
+        n_replicates = self._scene.ensemble.replicates if turns else 1
+        n = ROUNDS_NAMED * n_replicates * (self.unit if self.kind == "saltelli" else 1)
+        numbers = self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples))
+        kind = f"{self.kind} of {n_replicates} replicates" if turns else self.kind
+        return kind, identity(numbers)
 
     def _designed(self) -> Design:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
@@ -213,6 +229,16 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
                 note(
                     f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an "
                     "ensemble, which draws from the distribution"
+                )
+            )
+        with np.errstate(all="ignore"):  # scipy divides by zero where there is no variance
+            varies_finitely = parameter.bounds is not None or np.isfinite(parameter.deviation)
+        if not varies_finitely:
+            remarks.append(
+                warning(
+                    f"parameters.{name}: its distribution, {parameter.distribution.name}, has no finite variance, so "
+                    "that deviations, and means with them, need not settle with more samples, nor do their intervals "
+                    "hold; give bounds, or go by the quantiles"
                 )
             )
         below, above = parameter.cut_off

@@ -197,11 +197,11 @@ def stopping_remarks(stopping: Stopping, confidence: float) -> tuple[Remark, ...
     remarks = []
     for text, met, reached, relative in zip(stopping.rules, stopping.met, stopping.reached[:, -1], stopping.relative):
         if not met:
-            shown = f"+- {100 * reached:.3g} %" if relative else f"+- {reached:.3g}"
-            shown = shown if np.isfinite(reached) else "nothing yet, too few samples"
+            shown = f"+- {100 * reached:.3g} % was reached" if relative else f"+- {reached:.3g} was reached"
+            shown = shown if np.isfinite(reached) else "its figure is not known yet from so few samples"
             remarks.append(
                 warning(
-                    f'--until "{text}" is not met: {stopping.why}, and {shown} was reached; --resume with '
+                    f'--until "{text}" is not met: {stopping.why}, and {shown}; --resume with '
                     "a larger -n or --budget goes on"
                 )
             )

@@ -34,6 +34,7 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 COLUMNS = 3
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
+NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
 
@@ -161,13 +162,14 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         std = _with_interval(factor * one.std, factor * one.std_interval)
         spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
+        longest = max(map(len, text.splitlines()))
         note = axes.annotate(
             text.replace("-", "\N{MINUS SIGN}"),
             xy=(0.0, 1.0),
             xycoords="axes fraction",
             xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
             textcoords="offset points",
-            fontsize=8.5,
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
             color=colour,
         )
         # a long line must not narrow the panels

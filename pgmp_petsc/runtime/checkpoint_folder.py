@@ -215,8 +215,7 @@ class CheckpointFolder:
             raise InputError(f"{refused}it is no folder; move it away, or give another output")
         try:
             found = json.loads((self.path / LABEL).read_text())
-            # labels of older versions did not name the program
-            if found.get("program") != PROGRAM and not {"format", "scene"} <= found.keys():
+            if found.get("program") != PROGRAM:
                 raise ValueError("it does not name this program")
         except FileNotFoundError:
             # a run that ended before it had written the label
@@ -241,10 +240,9 @@ class CheckpointFolder:
                     "and only a larger number may be given; leave --resume out to start anew"
                 )
         for key, value in self._run.items():
-            if found.get(key) != value:
-                shown = (
-                    "" if isinstance(value, str) and len(value) == 64 else f" ({found.get(key)} there, {value} here)"
-                )
+            there = found.get(key, "not named")
+            if there != value:
+                shown = "" if isinstance(value, str) and len(value) == 64 else f" ({there} there, {value} here)"
                 raise InputError(
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"

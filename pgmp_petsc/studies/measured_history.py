@@ -113,7 +113,10 @@ def _number(text: str, where: str, name: str) -> float:
         value = np.nan
     if not abs(value) <= LARGEST:
         shown = f"'{shortened(text.strip(), 40)}'" if text.strip() else "nothing"
-        raise InputError(f"{where}: {name} = {shown}; a finite number is needed, of a magnitude up to {LARGEST:g}")
+        raise InputError(
+            f"{where}: {name} = {shown}; a finite number is needed, of a magnitude up to {LARGEST:g}; "
+            "leave lines with gaps out"
+        )
     return value
 
 

@@ -279,7 +279,8 @@ class _Figures:
             return differentiate(self._model, values, names)
         except PgmpError as error:
             where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
-            raise type(error)(f"at {where}: {error}") from error
+            cure = f"; or let bounds leave such designs out (--override parameters.{names[0]}.bounds=[...])"
+            raise type(error)(f"at {where}: {error}{cure if isinstance(error, RunError) else ''}") from error
 
     def _robust(self, duals: Sequence[Dual]) -> Dual:
         """Return mean and deviations of the samples' numbers, in the order of the samples."""

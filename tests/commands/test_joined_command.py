@@ -342,6 +342,20 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
         read_earlier(path, other)
 
 
+def test_a_rule_that_is_not_met_is_gone_on_with(rom: Path, folder: Path) -> None:
+    """Its samples stay beside the file until --resume has met it, or another run takes their place."""
+    path, rule = folder / "unmet.h5", "mean(crank_angle) < 40 %"
+    kept = path.with_name("unmet.h5.partial")
+    command = ["montecarlo", rom, "--seed", SEED, "-o", path]
+    pgmp(*command, "-n", 40, "--until", "mean(crank_angle) < 1e-6 %", status=1)
+    first = {piece.name: piece.stat().st_mtime_ns for piece in kept.glob("*.npz")}
+    assert first
+    pgmp(*command, "-n", 64, "--until", "mean(crank_angle) < 1e-6 %", "--resume", status=1)
+    assert {piece.name: piece.stat().st_mtime_ns for piece in kept.glob("*.npz")}.items() > first.items()
+    pgmp(*command, "-n", 64, "--until", rule, "--resume")
+    assert not kept.exists() and len(Ensemble.read(path).status) == 64
+
+
 def test_the_command_tries_failed_samples_again(mpirun: Callable, rom: Path, folder: Path) -> None:
     """What no step helps fails again, with status 1."""
     table, one, other = folder / "table.csv", folder / "once.h5", folder / "twice.h5"
@@ -379,6 +393,8 @@ def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tu
     distribution = model.scene.parameters["r1"].model_copy(update={"bounds": (1e-3, 11e-3)})
     other.scene = model.scene.model_copy(update={"parameters": {"r1": distribution}})
     refused(replace(plain, kept=kept), "parameters.r1 is not that of the file", other)
+    drawn = {"r1": np.where(np.arange(10) == 7, 1.000001, 1.0) * plain.parameters["r1"]}
+    refused(replace(plain, kept=kept, parameters=drawn), "sample 7 has r1 = ")
     record = replace(plain.record, seed=None)
     path = folder / "of_table.h5"
     status = np.where(np.arange(10) == 2, 2, 0)

@@ -89,6 +89,7 @@ def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], fold
     assert "note: intervals of mean and deviation follow from the spread between 8 scrambled Sobol sequences" in said
     assert "mean, deviation and quantiles of 64 samples at 11 instants" in said
     assert "64 samples are too few to rank parameters" in said
+    assert "begun: first passage" in said
     told = pgmp("info", folder / "sobol.h5").stdout
     assert "crank_angle below 0 rad at the end, 0 of 64 samples" in told
     pictures = pgmp("plot", folder / "sobol.h5", "-o", folder / "pictures").stdout

@@ -21,6 +21,7 @@ from pgmp_petsc.runtime.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
 TABLES = "0123"
+DESIGN = "random", 64 * "a"
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ def batch(first: int, n: int = 4) -> Batch:
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
-    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES)
+    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES, DESIGN)
     assert checkpoint.open() == Finished((), ())
     for first in firsts:
         add(checkpoint, first)
@@ -58,9 +59,14 @@ def add(checkpoint: Checkpoint, first: int, n: int = 4, is_checked: bool = False
 
 
 def taken_up(
-    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, **changes: object
+    plan: Plan,
+    scene: str = SCENE,
+    model: str = "reduced",
+    tables: str = TABLES,
+    design: tuple[str, str] = DESIGN,
+    **changes: object,
 ) -> Checkpoint:
-    return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables)
+    return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, design)
 
 
 def again(plan: Plan, **changes: object) -> set[int]:
@@ -129,6 +135,8 @@ def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
         ({"tables": "4567"}, r"its reduced model differs"),
+        ({"design": ("sobol of 8 replicates", DESIGN[1])}, r"its sampler differs \(random there, sobol of 8"),
+        ({"design": (DESIGN[0], 64 * "b")}, r"its design of samples differs;"),
     ],
 )
 def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: dict, message: str) -> None:
@@ -136,6 +144,14 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     with pytest.raises(InputError, match=r"--resume: '.*e\.h5\.partial' belongs to another run: " + message):
         again(plan, **change)
     assert again(plan) == {0}
+
+
+def test_a_checkpoint_that_names_no_sampler_is_refused(plan: Plan) -> None:
+    """As older versions wrote it, whose designs may have been others."""
+    label = started(plan, 0).folder / "run.json"
+    label.write_text(label.read_text().replace('"sampler": "random", ', ""))
+    with pytest.raises(InputError, match=r"its sampler differs \(not named there, random here\)"):
+        again(plan)
 
 
 def test_a_longer_run_takes_up_a_shorter_one(plan: Plan) -> None:
@@ -148,12 +164,12 @@ def test_a_longer_run_takes_up_a_shorter_one(plan: Plan) -> None:
 
 
 def test_samples_that_depend_on_their_number_are_taken_up_by_as_many_alone(plan: Plan) -> None:
-    assert Checkpoint(plan, SCENE, "reduced", TABLES, extends=False).open() == Finished((), ())
+    assert Checkpoint(plan, SCENE, "reduced", TABLES, DESIGN, extends=False).open() == Finished((), ())
     other = replace(plan, resume=True, n_samples=20)
     message = r"every sample of a Latin hypercube depends, differs \(12 there, 20 here\)"
     with pytest.raises(InputError, match=message):
-        Checkpoint(other, SCENE, "reduced", TABLES, extends=False).open()
-    Checkpoint(replace(plan, resume=True), SCENE, "reduced", TABLES, extends=False).open()
+        Checkpoint(other, SCENE, "reduced", TABLES, DESIGN, extends=False).open()
+    Checkpoint(replace(plan, resume=True), SCENE, "reduced", TABLES, DESIGN, extends=False).open()
 
 
 def test_a_label_without_its_number_of_samples_is_refused(plan: Plan) -> None:
@@ -318,7 +334,7 @@ def test_a_folder_of_somebody_else_is_never_removed(plan: Plan, content: str, tm
         (folder / content).write_text('{"name": "mine"}')
     for resume in (False, True):
         with pytest.raises(InputError, match=r"e\.h5\.partial' is in the way of this run's checkpoint"):
-            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES).open()
+            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES, DESIGN).open()
         remove_checkpoint(plan)
     assert os.path.lexists(folder) and (content in ("file", "link") or (folder / content).exists())
 
@@ -376,4 +392,4 @@ def test_a_shard_keeps_its_own_samples(plan: Plan) -> None:
 def test_another_shard_is_refused(plan: Plan, other: Shard | None) -> None:
     started(replace(plan, shard=Shard(2, 3)), 4)
     with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
-        Checkpoint(replace(plan, resume=True, shard=other), SCENE, "reduced", TABLES).open()
+        Checkpoint(replace(plan, resume=True, shard=other), SCENE, "reduced", TABLES, DESIGN).open()

@@ -276,7 +276,7 @@ def piece_of(first: int) -> Batch:
 @given(change=byte_changes, first=st.sampled_from((0, 4, 8)))
 def test_a_damaged_piece_is_named_and_the_others_stay(folder: Path, change: tuple, first: int) -> None:
     plan = Plan(12, 3, folder / "e.h5", False)
-    checkpoint = Checkpoint(plan, "scene", "reduced", "tables")
+    checkpoint = Checkpoint(plan, "scene", "reduced", "tables", ("random", ""))
     checkpoint.open()
     for number in (0, 4, 8):
         checkpoint.add(Piece(number, number + 4), piece_of(number))
@@ -284,7 +284,7 @@ def test_a_damaged_piece_is_named_and_the_others_stay(folder: Path, change: tupl
     whole = path.read_bytes()
     path.write_bytes(damaged(whole, change))
     same = path.read_bytes() == whole
-    again = Checkpoint(Plan(12, 3, folder / "e.h5", True), "scene", "reduced", "tables")
+    again = Checkpoint(Plan(12, 3, folder / "e.h5", True), "scene", "reduced", "tables", ("random", ""))
     assert {begin for begin, _ in again.open().samples} == {0, 4, 8} - (set() if same else {first})
     assert len(again.remarks) == (0 if same else 1) and all(path.name in str(remark) for remark in again.remarks)
 
@@ -293,14 +293,14 @@ def test_a_damaged_piece_is_named_and_the_others_stay(folder: Path, change: tupl
 @given(change=byte_changes)
 def test_a_damaged_label_is_a_message(folder: Path, change: tuple) -> None:
     plan = Plan(12, 3, folder / "l.h5", False)
-    checkpoint = Checkpoint(plan, "scene", "reduced", "tables")
+    checkpoint = Checkpoint(plan, "scene", "reduced", "tables", ("random", ""))
     shutil.rmtree(checkpoint.folder, ignore_errors=True)
     checkpoint.open()
     checkpoint.add(Piece(0, 4), piece_of(0))
     label = checkpoint.folder / "run.json"
     before = label.read_bytes()
     label.write_bytes(damaged(before, change))
-    again = Checkpoint(Plan(12, 3, folder / "l.h5", True), "scene", "reduced", "tables")
+    again = Checkpoint(Plan(12, 3, folder / "l.h5", True), "scene", "reduced", "tables", ("random", ""))
     try:
         assert again.open().samples == ((0, 4),)
         assert json.loads(label.read_bytes()) == json.loads(before)

@@ -215,6 +215,16 @@ def test_densities_of_a_quantity_that_does_not_vary():
         assert_inside(densities([replace(ensemble, outputs={"crank_angle": same}, statistics=constant)]))
 
 
+def test_moments_of_a_long_unit_end_within_the_picture():
+    ensemble = synthetic.ensemble("reduced", 64)
+    figure = densities([replace(ensemble, units=dict.fromkeys(ensemble.units, "N m s/rad"))])
+    figure.canvas.draw()
+    width = figure.canvas.get_width_height()[0]
+    notes = [text for axes in visible(figure) for text in axes.texts]
+    assert len(notes) == 3 and all("N m s/rad, N = " in text.get_text() for text in notes)
+    assert all(text.get_window_extent(figure.canvas.get_renderer()).x1 <= width for text in notes)
+
+
 def test_three_ensembles_of_one_model_have_colours_of_their_own():
     figure = densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)])
     assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()[:3]}) == 3

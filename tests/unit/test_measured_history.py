@@ -54,6 +54,7 @@ def test_tables_of_this_program_are_read(tmp_path: Path) -> None:
         ("time,angle\n0,1\n0.1\n", "line 3 has 1 entries; the first line names 2 columns"),
         ("time,angle\n0,1\n0.1,x\n", "line 3: angle = 'x'; a finite number is needed"),
         ("time,angle\n0,1\n0.1,\n", "line 3: angle = nothing; a finite number is needed"),
+        ("time,angle\n0,1\n0.1,\n", "of a magnitude up to 1e+30; leave lines with gaps out"),
         ("time,angle\n0,1e300\n", "line 2: angle = '1e300'; a finite number is needed, of a magnitude up to 1e+30"),
         ("time,angle\n0,nan\n", "line 2: angle = 'nan'; a finite number is needed"),
         ("time,angle\n0,1\n0.2,1\n0.2,1\n", "line 4: time = 0.2 s comes after 0.2 s; times must increase"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scenes import slider_crank
 from scipy import stats
 
+from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.designs import Blocks, Design, Replicates
 from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -124,6 +128,16 @@ def test_a_distribution_is_truncated_to_its_bounds_and_renormalised(low: float, 
 def test_bounds_that_cut_nothing_off_change_no_sample() -> None:
     free = draw(slider_crank(NORMAL), 2, 0, 50)["r1"]
     np.testing.assert_array_equal(draw(slider_crank(NORMAL, "parameters.r1.bounds=[-1.0, 1.0]"), 2, 0, 50)["r1"], free)
+
+
+@pytest.mark.parametrize("law", ['name="cauchy", loc=5.6e-3, scale=1e-5', 'name="t", df=1.5, loc=5.6e-3, scale=1e-5'])
+def test_a_distribution_without_a_finite_variance_is_warned_of(law: str) -> None:
+    (cut,) = draw_remarks(slider_crank(f"parameters.r1.distribution={{{law}}}", "parameters.r1.bounds=[-1e9, 1e9]"))
+    assert cut.kind == "note" and "cut off" in cut.text
+    scene = slider_crank(f"parameters.r1.distribution={{{law}}}")
+    unbounded = scene.parameters["r1"].model_copy(update={"bounds": None})
+    (endless,) = draw_remarks(scene.model_copy(update={"parameters": {"r1": unbounded}}))
+    assert endless.kind == "warning" and "has no finite variance" in endless.text
 
 
 def test_what_bounds_cut_off_is_said() -> None:
@@ -288,3 +302,25 @@ def test_any_continuous_distribution_is_truncated_to_bounds(name: str, shapes: d
 def test_the_deviation_is_that_of_the_truncated_distribution(law, bounds, expected: float) -> None:
     parameter = Parameter.model_validate({"nominal": 5.0, "distribution": law, "bounds": bounds})
     assert parameter.deviation == pytest.approx(expected, rel=2e-4)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a longer run alike where that has the same samples; not of another seed, sampler or reading of the sampler."""
+    scene = drawn_by(sampler)
+    named = Sampler(scene, Plan(40, 4)).named
+    assert (Sampler(scene, Plan(80, 4)).named == named) == (sampler != "latin_hypercube")
+    assert Sampler(scene, Plan(40, 4)).named == named != Sampler(scene, Plan(40, 5)).named
+    assert all(Sampler(drawn_by(other), Plan(40, 4)).named != named for other in SAMPLERS if other != sampler)
+    if sampler in ("sobol", "saltelli"):
+        fewer = scene.model_copy(update={"ensemble": scene.ensemble.model_copy(update={"replicates": 4})})
+        assert "8 replicates" in named[0] and "4 replicates" in Sampler(fewer, Plan(40, 4)).named[0]
+        # as when one sequence had all points, or all blocks
+        monkeypatch.setattr(sampling, {"sobol": "Replicates", "saltelli": "Blocks"}[sampler], of_one_sequence(sampler))
+        found = Sampler(scene, Plan(40, 4)).named
+        assert found[0] == named[0] and found[1] != named[1]
+
+
+def of_one_sequence(sampler: str) -> Callable[[int, int, int], Design]:
+    kind = Replicates if sampler == "sobol" else Blocks
+    return lambda seed, d, n_replicates: kind(seed, d, 1)

@@ -11,8 +11,9 @@ from scenes import PENDULUM, STEEL, slider_crank
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.design import Design
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies import optimization
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.optimization import Question, designed_parameters, optimize
 
@@ -118,6 +119,19 @@ def test_limits_without_room_for_samples_are_refused(cantilever: ReducedModel) -
     scene = cantilever.scene.model_copy(update={"parameters": {"r": wide}})
     with pytest.raises(InputError, match="parameters.r: its samples vary .* which leaves no room"):
         design_of(ReducedModel(scene, cantilever.rom), "minimise r", deviations=3.0, n_samples=64, seed=4)
+
+
+@pytest.mark.parametrize("kind", [RunError, InputError])
+def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
+    cantilever: ReducedModel, monkeypatch: pytest.MonkeyPatch, kind: type[PgmpError]
+) -> None:
+    def stopping(*_: object) -> None:
+        raise kind("no run")
+
+    monkeypatch.setattr(optimization, "differentiate", stopping)
+    with pytest.raises(kind, match=r"at r = 0\.005: no run") as error:
+        design_of(cantilever, "minimise r")
+    assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
 
 
 def test_nothing_to_design_is_refused() -> None:

@@ -102,6 +102,23 @@ def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bo
     assert np.abs(power).max() > 1e-3
 
 
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_energies_at_several_instants_are_those_of_each(models, effect: str) -> None:
+    """Bit for bit: an ensemble's balance must not depend on how many states are looked at together."""
+    model, n = model_of(models, effect), 3
+    system, times = model.batch(samples(model.scene, n), n), np.array([0.01, 0.02, 0.03, 0.04])
+    states = [anywhere(model, n), *(system.start() for _ in times[1:])]
+    for k, state in enumerate(states[1:]):
+        state.q[:] = states[0].q + 1e-3 * k
+        state.v[:] = (1.0 + k) * states[0].v
+    together = system.energies_over(times, np.array([[state.q, state.v, state.a] for state in states]))
+    for k, (time, state) in enumerate(zip(times, states)):
+        here, there = system.energies(float(time), state), together[n * k : n * (k + 1)]
+        parts = [(one.kinetic, one.strain, *one.potential.values(), *one.powers.values()) for one in (here, there)]
+        assert here.potential.keys() == there.potential.keys() and here.powers.keys() == there.powers.keys()
+        np.testing.assert_array_equal(*parts)
+
+
 def test_the_spring_is_as_long_as_the_reconstruction_says(models) -> None:
     model = model_of(models, "spring between points")
     state = anywhere(model, 5)
