@@ -36,9 +36,7 @@ from pgmp_petsc.runtime.remarks import Remark
     "-n", "n_samples", metavar="N", type=Whole(1, MOST_SAMPLES),
     help="Number of samples; with --samples all that the file has, if not given.",
 )  # fmt: skip
-@click.option(
-    "--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed."
-)
+@click.option("--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed.")
 @click.option(
     "--sampler", type=click.Choice(SAMPLERS), help="How samples are chosen; otherwise as ensemble.sampler says."
 )

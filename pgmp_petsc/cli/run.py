@@ -29,9 +29,7 @@ from pgmp_petsc.runtime.errors import RunError
     "-n", "n_samples", default=512, show_default=True, metavar="N", type=Whole(1, MOST_SAMPLES),
     help="Number of samples, where parameters have distributions.",
 )  # fmt: skip
-@click.option(
-    "--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed."
-)
+@click.option("--seed", default=0, show_default=True, metavar="S", type=Whole(0, LARGEST_SEED), help="Random seed.")
 @click.option("--force", is_flag=True, help="Do all steps again, also those whose files are finished.")
 @scene_options
 @quiet

@@ -267,9 +267,7 @@ class AlphaStep:
         self._asked_next = taken.state, float(following[0]) if following.size else np.nan, self._step
         return taken
 
-    def _ask(
-        self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, samples: np.ndarray
-    ) -> StepsTaken:
+    def _ask(self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, samples: np.ndarray) -> StepsTaken:
         """Return equal steps of some samples that the system takes."""
         left = self._left[1:] if previous is self._left[0] else (previous.a, None)
         asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)

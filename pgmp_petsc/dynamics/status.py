@@ -42,8 +42,7 @@ _MEANINGS = {
     Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, not positive, or "
     "negative, where that makes no sense, or the lower end of a stop not below the upper one); not integrated",
     Status.NOT_CONVERGED: "Newton's iteration did not converge within a time step",
-    Status.LEFT_RANGE: "a coordinate left the range, beyond which neither the reduced model nor a deformation "
-    "is known",
+    Status.LEFT_RANGE: "a coordinate left the range, beyond which neither the reduced model nor a deformation is known",
     Status.NOT_FINITE: "its motion or an output is no finite number",
     Status.SOLVER_FAILED: "the linear solver failed within a time step",
     Status.BROKE_DOWN: "its deformation left what the reduced model holds for: stiffness or inertia are no longer "

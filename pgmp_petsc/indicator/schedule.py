@@ -81,9 +81,7 @@ def _every(stride: int, n_steps: int) -> np.ndarray:
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def longest_intervals(
-    speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray, contacts: np.ndarray
-) -> np.ndarray:
+def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray, contacts: np.ndarray) -> np.ndarray:
     """Return the longest time between two evaluations, shape (n,), s.
 
     Parameters

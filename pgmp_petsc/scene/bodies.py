@@ -35,9 +35,7 @@ class Material(Table):
     E: PositiveOrParameter = Field(description="Young's modulus (Pa), a number or a parameter's name")
     nu: Annotated[
         Number,
-        no_parameter(
-            "stiffness is no sum of products of parameters with it; build once for each value (--override)"
-        ),
+        no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
     rho: PositiveOrParameter = Field(description="density (kg/m3), a number or a parameter's name")
 

@@ -212,9 +212,7 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
         acting |= {action.effect} if acts else set()
     if not acting:
         return []
-    names = ", ".join(
-        name for name, effect in scene.effects.items() if not acting.isdisjoint(parts_of(name, effect))
-    )
+    names = ", ".join(name for name, effect in scene.effects.items() if not acting.isdisjoint(parts_of(name, effect)))
     return [
         f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "
         "twice as far; where the mechanism is held or driven, initial.equilibrium = true starts with it"

@@ -60,9 +60,7 @@ class Dual:
     def __pow__(self, exponent: float) -> Dual:
         if exponent == 0.0:
             return Dual(1.0, np.zeros_like(self.slope))
-        return Dual(
-            np.power(self.value, exponent), exponent * np.power(self.value, exponent - 1.0) * self.slope
-        )
+        return Dual(np.power(self.value, exponent), exponent * np.power(self.value, exponent - 1.0) * self.slope)
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,15 +66,18 @@ def test_help_is_printed_once(run, n, arguments):
         ("info --scen f.h5", 2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
         ("info", 2, "Missing argument 'FILE' (see 'pgmp info --help')"),
         (
-            "modes s.toml -o m.h5 --angles 1e3", 2,
+            "modes s.toml -o m.h5 --angles 1e3",
+            2,
             "Invalid value for '--angles': '1e3' is not a whole number in the range x>=2 (see 'pgmp modes --help')",
         ),
         (
-            "animate f.h5 -o f.gif --fps fast", 2,
+            "animate f.h5 -o f.gif --fps fast",
+            2,
             "Invalid value for '--fps': 'fast' is not a number in the range 0.5<=x<=120.0 (see 'pgmp animate --help')",
         ),
         (
-            "plot f.h5 -o d --exaggerate nan", 2,
+            "plot f.h5 -o d --exaggerate nan",
+            2,
             "Invalid value for '--exaggerate': 'nan' is not a number in the range 1.0<=x<=1000000000.0 "
             "(see 'pgmp plot --help')",
         ),

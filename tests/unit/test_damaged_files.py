@@ -36,6 +36,7 @@ from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.results.shard import read_shard
 from pgmp_petsc.runtime.errors import InputError
 
+
 def described(path: Path) -> str:
     """Return what ``pgmp info`` says of a file."""
     return describe(contents(path))

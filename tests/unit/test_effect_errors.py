@@ -179,7 +179,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "an end that is no parameter": (
         ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=0, upper="q"}',),
-        ("effects.e.upper = \"q\": there is no such parameter; known: negative, p",),
+        ('effects.e.upper = "q": there is no such parameter; known: negative, p',),
     ),
     "a speed that is not positive": (
         ('effects.e={type="joint_friction", joint="hinge", limit=1, speed="negative"}',),

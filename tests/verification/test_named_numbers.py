@@ -131,9 +131,7 @@ def test_samples_of_loads_are_runs_with_their_numbers(kind: str) -> None:
         _, alone = history(made_of(own), samples(own, 1), 1)
         for name, expected in alone.items():
             # what iterations leave, 1e-12 of the size a step
-            np.testing.assert_allclose(
-                together[name][:, k], expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max()
-            )
+            np.testing.assert_allclose(together[name][:, k], expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
 def test_derivatives_with_values_over_time_are_central_differences() -> None:

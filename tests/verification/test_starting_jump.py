@@ -77,11 +77,7 @@ def said(model: ReducedModel) -> list[Remark]:
     return [remark for remark in found if "starts undeformed" in remark.text]
 
 
-
-
-@pytest.mark.parametrize(
-    ("text", "energy"), [(WEIGHT + HELD, CLAMPED), (WEIGHT, FALLING)], ids=["held", "falling"]
-)
+@pytest.mark.parametrize(("text", "energy"), [(WEIGHT + HELD, CLAMPED), (WEIGHT, FALLING)], ids=["held", "falling"])
 def test_shares_are_those_of_the_quasi_static_deformation(text: str, energy: float) -> None:
     """Six modes of 24 elements leave 0.5 % of the energies: elements 1 / n^2 and the modes beyond."""
     model = reduced(text)

@@ -134,9 +134,7 @@ def bending_excess(n_elements: int) -> float:
 def _too_few(n_elements: int) -> str:
     excess, enough = (100.0 * (bending_excess(n) - 1.0) for n in (n_elements, ENOUGH_ELEMENTS))
     what = f"its first bending frequency is {excess:.0f} % too high" if math.isfinite(excess) else "it does not bend"
-    return (
-        f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
-    )
+    return f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
 
 
 def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
