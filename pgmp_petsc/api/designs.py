@@ -22,7 +22,8 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.fitting import fit as fitted
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import read_history
-from pgmp_petsc.studies.optimization import Question, designed_parameters
+from pgmp_petsc.studies.design_figures import Question
+from pgmp_petsc.studies.optimization import designed_parameters
 from pgmp_petsc.studies.optimization import optimize as designed
 
 if TYPE_CHECKING:

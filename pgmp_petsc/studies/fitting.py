@@ -32,6 +32,7 @@ from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.measured_history import MeasuredHistory
 from pgmp_petsc.studies.sensitivities import contact_remarks
+from pgmp_petsc.studies.turned_back import TurnedBack
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -77,7 +78,7 @@ def fit(
     InputError
         If a name is unknown, or there are fewer measurements than parameters.
     RunError
-        If a run stops before its end.
+        If a run stops before its end where the search begins; it turns back from others.
     """
     found = None
     with agreed(comm, "fit"):
@@ -160,6 +161,7 @@ class _Fitting:
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
         self._runs: list[tuple[bytes, DifferentiatedRun]] = []
+        self._turned_back = TurnedBack()
         self.n_runs = 0
 
     def result(self, n_ranks: int) -> Fit:
@@ -174,9 +176,9 @@ class _Fitting:
         left = self._left(solution.run)
         scene, history = self._model.scene, self._history
         remarks = (
-            *history.remarks, *self._of_solution(solution), *self._of_limits(estimate, errors, blind),
-            *_tied(self._names, correlation), *self._of_noise(left, sigma), *contact_remarks(solution.run),
-            *scene.remarks,
+            *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
+            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation), *self._of_noise(left, sigma),
+            *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
             FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))
@@ -221,9 +223,20 @@ class _Fitting:
 
         lower, upper = self._limits.T / self._scale
         room = 1e-10 * (upper - lower)  # the method begins inside
+        begin = np.clip(at / self._scale, lower + room, upper - room)
+        shape = self._left(self._run(begin * self._scale)).shape
+
+        def residuals(x: np.ndarray) -> np.ndarray:
+            try:
+                left = self._left(self._run(x * self._scale))
+            except PgmpError as error:
+                self._turned_back.add(error)
+                left = np.full(shape, np.nan)  # from which the method turns back
+            return (left / sigma[:, None]).ravel()
+
         done = least_squares(
-            lambda x: (self._left(self._run(x * self._scale)) / sigma[:, None]).ravel(),
-            np.clip(at / self._scale, lower + room, upper - room),
+            residuals,
+            begin,
             lambda x: np.concatenate(list(self._jacobian(self._run(x * self._scale)) / sigma[:, None, None]))
             * self._scale,
             bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,

@@ -29,7 +29,8 @@ from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.fitting import fit
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import MeasuredHistory
-from pgmp_petsc.studies.optimization import Question, optimize
+from pgmp_petsc.studies.design_figures import Question
+from pgmp_petsc.studies.optimization import optimize
 from pgmp_petsc.studies.sensitivities import sensitivities
 
 MODES = (

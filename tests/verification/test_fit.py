@@ -10,9 +10,11 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model, samples
 from scenes import slider_crank
 
-from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.fit import Fit, FittedParameter
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.studies import fitting
 from pgmp_petsc.studies.fitting import fit, uncertainty
 from pgmp_petsc.studies.measured_history import MeasuredHistory
 
@@ -69,6 +71,25 @@ def test_a_radius_and_a_damping_are_recovered_from_a_full_order_history(model, o
     for name, output in found.outputs.items():
         # the deviation of 100 numbers is known to 7 %
         assert output.noise == pytest.approx(NOISE[name], rel=0.25)
+
+
+def test_a_search_turns_back_from_where_a_run_stops(model, of_full, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, runs = (model, measured(of_full, 5), ["r1", "c"], NOISE, MPI.COMM_SELF), []
+    expected = of(fit(*asked))
+
+    def stopping_once(*given: object) -> DifferentiatedRun:
+        runs.append(given)
+        if len(runs) == 3:  # after the start, and its place inside the limits
+            raise RunError("the run stopped at 1 ms")
+        return differentiate(*given)
+
+    monkeypatch.setattr(fitting, "differentiate", stopping_once)
+    found = fit(*asked)
+    (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
+    assert told.startswith("the search turned back once from where no run comes to its end, first at r1 = ")
+    for name, parameter in of(found).items():
+        # both end where steps are 1e-10 of the values
+        assert parameter.estimate == pytest.approx(expected[name].estimate, rel=1e-6)
 
 
 def test_standard_errors_are_the_spread_of_estimates(model) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,13 +11,15 @@ from runs import reduced_model
 from scenes import PENDULUM, STEEL, slider_crank
 
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.studies import optimization
+from pgmp_petsc.studies import design_figures
+from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.goals import read_constraint, read_goal
-from pgmp_petsc.studies.optimization import Question, designed_parameters, optimize
+from pgmp_petsc.studies.optimization import designed_parameters, optimize
 
 G, LENGTH, N_CELLS = 9.81, 1.0, 20
 SAG = 4e-3
@@ -128,10 +132,41 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
     def stopping(*_: object) -> None:
         raise kind("no run")
 
-    monkeypatch.setattr(optimization, "differentiate", stopping)
+    monkeypatch.setattr(design_figures, "differentiate", stopping)
     with pytest.raises(kind, match=r"at r = 0\.005: no run") as error:
         design_of(cantilever, "minimise r")
     assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
+
+
+def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the run stopped at 1 ms") -> None:
+    """Let the run of one number fail."""
+    runs = []
+
+    def once(*given: object) -> DifferentiatedRun:
+        runs.append(given)
+        if len(runs) == number:
+            raise RunError(reason)
+        return differentiate(*given)
+
+    monkeypatch.setattr(design_figures, "differentiate", once)
+
+
+def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing_at(2, monkeypatch)
+    found = design_of(wound, "maximise start(angle) * (10 - push)")
+    assert found.converged and found.parameters[0].value == pytest.approx(5.0, rel=1e-4)
+    assert np.isfinite(found.goals).all() and len(found.goals) == len(found.tried)
+    (told,) = [remark.text for remark in found.record.remarks if remark.kind == "warning"]
+    assert told.startswith("the search turned back once from where no run comes to its end, first at push = ")
+    assert "the run stopped at 1 ms; what lies beyond was not searched, and" in told
+
+
+def test_of_samples_the_first_that_stops_is_named(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing_at(8 + 4, monkeypatch)
+    found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=8, seed=4)
+    (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
+    assert re.search(r"first at push = [\d.]+, sample \d: the run stopped", told)
+    assert found.converged
 
 
 def test_nothing_to_design_is_refused() -> None:

@@ -1,0 +1,227 @@
+"""Goal and constraints over designs, with exact derivatives: nominal, or robust over samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.studies.fitting import ends_of, limits_of
+from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
+from pgmp_petsc.studies.turned_back import TurnedBack
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is to be designed.
+
+    Attributes
+    ----------
+    goal, constraints
+        What is wanted.
+    names
+        Parameters of the design.
+    deviations
+        K of robust figures; None for nominal ones.
+    n_samples, seed
+        Of robust figures.
+    """
+
+    goal: Goal
+    constraints: tuple[Constraint, ...]
+    names: tuple[str, ...]
+    deviations: float | None = None
+    n_samples: int = 64
+    seed: int = 1
+
+
+class DesignFigures:
+    """Goal and constraints over designs.
+
+    Attributes
+    ----------
+    start, scale, limits
+        Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
+    narrowed
+        Spread of the samples and what it leaves of the limits, in words, by parameters whose limits it narrows.
+    n_samples
+        Runs of every design.
+    tried, goals
+        Designs that were asked for and could be run, and the goal there, which is minimised.
+    turned_back
+        Designs that could not.
+    count
+        Called with a number of runs after they were made.
+    """
+
+    def __init__(self, model: ReducedModel, question: Question, comm: MPI.Comm) -> None:
+        scene, self._question, self._comm = model.scene, question, comm
+        drawn = uncertain_names(scene) if question.deviations is not None else []
+        self._model = of_samples(model, [*question.names, *drawn])
+        self.limits = np.array([limits_of(model, name) for name in question.names])
+        self._ends = {name: ends_of(model, name) for name in question.names}
+        self.start = np.array([scene.values[name] for name in question.names])
+        self.scale = np.where(self.start != 0.0, np.abs(self.start), np.ptp(self.limits, axis=1))
+        self._offsets = self._drawn()
+        self.narrowed: dict[str, tuple[str, str]] = {}
+        self._make_room()
+        self.n_samples = 1 if self._offsets is None else question.n_samples
+        self.tried: list[np.ndarray] = []
+        self.goals: list[float] = []
+        self.turned_back = TurnedBack()
+        self._known: dict[bytes, list[Dual]] = {}
+        self.count: Callable[[int], object] = lambda n: None
+
+    def _drawn(self) -> dict[str, np.ndarray] | None:
+        """Return the samples: deviations of designed parameters from the design, values of the others, (n_samples,)."""
+        question, scene = self._question, self._model.scene
+        if question.deviations is None:
+            return None
+        values = Sampler(scene, Plan(question.n_samples, question.seed)).draw(0, question.n_samples)
+        for name in question.names:
+            uncertain = scene.parameters[name].distribution is not None
+            values[name] = values[name] - scene.nominal[name] if uncertain else np.zeros(question.n_samples)
+        return values
+
+    def _make_room(self) -> None:
+        """Narrow the limits so that samples stay between those of the parameters, and begin between them."""
+        if self._offsets is None:
+            return
+        scene = self._model.scene
+        for name, limits in zip(self._question.names, self.limits):
+            drawn, bounds, low, high = self._offsets[name], self._ends[name], *limits
+            if bounds is not None:
+                low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
+            elif name in scene.parameters_not_negative:
+                low = max(low, low - drawn.min())
+            if (low, high) != tuple(limits):
+                self.narrowed[name] = f"from {drawn.min():+.4g} to {drawn.max():+.4g}", f"[{low:.6g}, {high:.6g}]"
+            if low >= high:
+                raise InputError(
+                    f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a "
+                    f"design, which leaves no room in [{limits[0]:g}, {limits[1]:g}]; widen its bounds"
+                )
+            limits[:] = low, high
+        self.start = np.clip(self.start, *self.limits.T)
+
+    def _values_of(self, design: np.ndarray, sample: int) -> dict[str, float]:
+        """Return the values of all parameters of a sample; of a nominal design there is one."""
+        at = dict(zip(self._question.names, map(float, design)))
+        if self._offsets is None:
+            return self._model.scene.values | at
+        own = {name: float(values[sample]) for name, values in self._offsets.items()}
+        return own | {name: value + own[name] for name, value in at.items()}
+
+    def at(self, design: np.ndarray) -> list[Dual]:
+        """Return the goal, which is minimised, and what is to be no more than 0. Collective on all ranks.
+
+        The goal is infinite, so that a search turns back, where a run stops on the way; where it stops at the first
+        design, that is an error.
+        """
+        design = self._comm.bcast(design)  # the same to the last bit
+        key = design.tobytes()
+        if key not in self._known:
+            found = self._evaluated(design)
+            if isinstance(found, PgmpError):
+                if not self.tried:
+                    raise type(found)(f"{found}{self._cure if isinstance(found, RunError) else ''}")
+                self.turned_back.add(found)
+                zeros = np.zeros(design.size)
+                found = [Dual(np.inf, zeros), *(Dual(0.0, zeros) for _ in self._question.constraints)]
+            else:
+                self.tried.append(design.copy())
+                self.goals.append(found[0].value)
+            self._known = {key: found}
+        return self._known[key]
+
+    @property
+    def _cure(self) -> str:
+        name = self._question.names[0]
+        return f"; or begin elsewhere (--set), or let bounds leave it out (--override parameters.{name}.bounds=[...])"
+
+    def _evaluated(self, design: np.ndarray) -> list[Dual] | PgmpError:
+        """Return the figures of a design, or why the first of its samples that cannot be run stops."""
+        comm, mine = self._comm, []
+        with agreed(comm, "runs of a design"):
+            for sample in range(comm.rank, self.n_samples, comm.size):
+                try:
+                    mine.append((sample, self._of_sample(design, sample)))
+                except PgmpError as error:
+                    mine.append((sample, error))
+                    break
+                self.count(min(comm.size, self.n_samples - sample))
+        found = dict(pair for part in comm.allgather(mine) for pair in part)
+        stopped = [sample for sample in sorted(found) if isinstance(found[sample], PgmpError)]
+        if stopped:
+            return found[stopped[0]]
+        rows = [found[sample] for sample in range(self.n_samples)]
+        return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
+
+    def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
+        """Return the goal and the constraints of one sample."""
+        question, values = self._question, self._values_of(design, sample)
+        outcome = Outcome(self._run(values, sample), values, question.names)
+        found = [_signed(question.goal.sense, question.goal.expression(outcome))]
+        for constraint in question.constraints:
+            found.append(_signed(constraint.sense, constraint.left(outcome) - constraint.right(outcome)))
+        for what, dual in zip((question.goal, *question.constraints), found):
+            if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
+                raise RunError(
+                    f"at {_shown(question.names, values)}: '{what.text}' or its derivative is no finite number; write "
+                    "it so that it is one between the limits of all parameters"
+                )
+        return found
+
+    def _run(self, values: Mapping[str, float], sample: int) -> DifferentiatedRun:
+        names = self._question.names
+        try:
+            return differentiate(self._model, values, names)
+        except PgmpError as error:
+            where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
+            raise type(error)(f"at {where}: {error}") from error
+
+    def _robust(self, duals: Sequence[Dual]) -> Dual:
+        """Return mean and deviations of the samples' numbers, in the order of the samples."""
+        if self._offsets is None:
+            return duals[0]
+        values, slopes = np.array([dual.value for dual in duals]), np.array([dual.slope for dual in duals])
+        mean, std = float(values.mean()), float(values.std(ddof=1))
+        times = self._question.deviations
+        spread = (values - mean) @ slopes / ((values.size - 1) * std) if std > 0.0 else np.zeros(slopes.shape[1])
+        return Dual(mean + times * std, slopes.mean(axis=0) + times * spread)
+
+    def size_of(self, number: int, design: np.ndarray) -> float:
+        """Return the size of a constraint: that of its right-hand side at a design, or of what it misses."""
+        question, values = self._question, self._values_of(design, 0)
+        size = 0.0
+        with agreed(self._comm, "size of a constraint"):
+            run = self._run(values, 0)
+            size = abs(question.constraints[number].right(Outcome(run, values, question.names)).value)
+        return size or abs(self.at(design)[1 + number].value) or 1.0
+
+    def nominal_run(self, design: np.ndarray, comm: MPI.Comm) -> DifferentiatedRun:
+        """Return the run of a design without deviations. Collective on `comm`."""
+        values = self._model.scene.values | dict(zip(self._question.names, map(float, design)))
+        with agreed(comm, "run of the design"):
+            run = differentiate(self._model, values, ())
+        return run
+
+
+def _signed(sense: float, dual: Dual) -> Dual:
+    return Dual(sense * dual.value, sense * dual.slope)
+
+
+def _shown(names: Sequence[str], values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {values[name]:.6g}" for name in names)
