@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.indicator.coverage import is_estimated
+from pgmp_petsc.indicator.schedule import schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.scene import Scene
 
 PERIOD = 10_000
 SHARE = 0.02
@@ -40,10 +42,19 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
         n = mechanism.space.n_pose * body.n_nodes + body.n_internal
         evaluation += OF_BEAM * n if body.component is None or body.component.rigid else OF_PAIR * n**2
     step = OF_STEP * (tables.n_coordinates + tables.n_modes)
-    estimate = EVALUATIONS * evaluation
+    estimate = _evaluations(model.scene) * evaluation
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places
     return estimate / (count_steps(simulation.duration, simulation.step) * step)
+
+
+def _evaluations(scene: Scene) -> float:
+    """Return how many evaluations an estimate is taken to have."""
+    if all(effect.type != "end_stop" for effect in scene.effects.values()):
+        return EVALUATIONS
+    duration = scene.simulation.duration
+    densest = schedules(count_steps(duration, scene.simulation.step), duration)[-2:]  # compared with one another
+    return max(EVALUATIONS, sum(schedule.steps.size for schedule in densest))
 
 
 def checked(share: float, n_samples: int) -> list[tuple[int, int]]:

@@ -70,3 +70,7 @@ def test_a_share_is_what_a_quarter_of_the_time_buys() -> None:
     assert price_of(found[100]) == pytest.approx(40.0 * price_of(found[4000]))
     assert 0.0 < share_of(found[100]) < SHARE
     assert share_of(reduced_model(paper_scene(*small, "ensemble.checked_share=0.5"))) == 0.5
+    # a stop that may be entered asks for up to all of 500 steps, and for every second one to compare with
+    stop = 'effects.stop={type="end_stop",joint="elbow",upper=1.0,stiffness=10.0}'
+    free, limited = (reduced_model(paper_scene(*small, "simulation.step=2e-3", *more)) for more in ([], [stop]))
+    assert price_of(limited) == pytest.approx((501 + 251) / 260 * price_of(free))
