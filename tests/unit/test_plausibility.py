@@ -89,6 +89,8 @@ REFUSED = {
 
 #: Overrides of a scene, the entry that is named, and words of the reason; each gives a warning.
 WARNED = {
+    "motion beyond the range": (DRIVEN, ["coordinates.theta.range=[0.0, 6.0]", "coordinates.theta.periodic=false"],
+                                "effects.motor", "beyond coordinates.theta.range = [0, 6], where reduced runs end"),
     "E = 210": (SCENE, ["materials.steel.E=210"], "materials.steel.E", "waves run through steel"),
     "E = 210e12": (SCENE, ["materials.steel.E=210e12"], "materials.steel.E", "waves run"),
     "E of a parameter": (SCENE, ['materials.steel.E="q"', "parameters.q={nominal=210.0}"], "parameters.q.nominal",

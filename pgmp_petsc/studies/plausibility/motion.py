@@ -6,13 +6,17 @@ import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
+import numpy as np
+
 import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 from pgmp_petsc.studies.plausibility.loads import FAST, LIGHT
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
+N_LOOKED_AT = 2001  # instants of a run
 
 
 def motion_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
@@ -27,6 +31,7 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding
     for name, effect in scene.effects.items():
         if isinstance(effect, kinds.PrescribedMotion):
             yield from _driven(f"effects.{name}", effect, length)
+            yield from _out_of_range(scene, name, effect)
             if effect.table is not None and effect.table[0][0] > scene.simulation.duration:
                 yield doubt(
                     f"effects.{name}.table",
@@ -47,6 +52,22 @@ def _driven(entry: str, effect: kinds.PrescribedMotion, length: float) -> Iterat
     else:
         speed = max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(effect.table))
         yield from _fast(f"{entry}.table", speed, length)
+
+
+def _out_of_range(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[Finding]:
+    """Yield a finding if a motion leaves the range of its coordinate, which a periodic one does not."""
+    coordinate = scene.coordinates.get(effect.coordinate)
+    if coordinate is None or coordinate.periodic:
+        return
+    angles = Motion(name, effect).at(np.linspace(0.0, scene.simulation.duration, N_LOOKED_AT)).angle
+    low, high = coordinate.range
+    furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
+    if not low <= furthest <= high:
+        yield doubt(
+            f"effects.{name}",
+            f"moves {effect.coordinate} to {furthest:.6g} rad, beyond coordinates.{effect.coordinate}.range = "
+            f"[{low:g}, {high:g}], where reduced runs end; widen the range, or move less",
+        )
 
 
 def _fast(entry: str, speed: float, length: float, *received: float) -> Iterator[Finding]:
