@@ -19,10 +19,10 @@ from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit as fitted
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import read_history
-from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.optimization import designed_parameters
 from pgmp_petsc.studies.optimization import optimize as designed
 

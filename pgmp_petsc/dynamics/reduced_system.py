@@ -213,9 +213,7 @@ class ReducedSystem:
     def energies_over(self, times: np.ndarray, trail: np.ndarray) -> Energies:
         """Return energies and powers at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta): of all samples at
         one time after the other, each of shape (n_t * n_samples,)."""
-        n, residual = times.size * self.n_samples, np.zeros_like(trail[:, 0])
-        for k, time in enumerate(times if self._motions else ()):
-            residual[k] = self.residual(float(time), State(*trail[k], np.zeros(0)))
+        n, residual = times.size * self.n_samples, self._residuals(times, trail)
         known = self._known(times, trail).reshape(n, 4, len(self._actions.actions))
         values = {name: np.tile(value, times.size) for name, value in self._values.items()}
         *parts, residual = (part.reshape(n, -1) for part in (*np.moveaxis(trail, 1, 0), residual))
@@ -224,13 +222,16 @@ class ReducedSystem:
     def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
         """Return energies and powers of a system of one sample at several instants, each a row of the states."""
         values = {name: value[0] for name, value in self._values.items()}
-        trail = np.stack([states.q, states.v], axis=1)[:, :, None]
-        known = self._known(times, trail)[:, 0]
-        residual = np.zeros_like(states.q)
-        for k, time in enumerate(times if self._motions else ()):
-            one = slice(k, k + 1)
-            residual[one] = self.residual(time, State(states.q[one], states.v[one], states.a[one], states.multipliers))
+        trail = np.stack([states.q, states.v, states.a], axis=1)[:, :, None]
+        residual, known = self._residuals(times, trail)[:, 0], self._known(times, trail)[:, 0]
         return self._energies(values, times, states, residual, known)
+
+    def _residuals(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
+        """Return the residuals at times (n_t,), shape (n_t, n_samples, n_eta); zeros if no coordinate is prescribed."""
+        found = np.zeros_like(trail[:, 0])
+        for k, time in enumerate(times if self._motions else ()):
+            found[k] = self.residual(float(time), State(*trail[k], np.zeros(0)))
+        return found
 
     def _energies(
         self, values: Mapping[str, Any], times: np.ndarray, state: State, residual: np.ndarray, known: np.ndarray

@@ -28,7 +28,6 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 OPTION = "--retry-failed"
 FURTHER = (*DIVISORS, 16, 32, 64)  # of the scene's step
 FREE = {"ensemble": {"batch", "failed_share"}, "scene": {"name", "description"}}  # entries that no sample depends on
-
 SAME_DRAW = 1e-9  # of a value: machines differ in the last digits of distributions, other designs in the first
 
 

@@ -25,6 +25,7 @@ from pgmp_petsc.scene.uses import stop_ends
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
+IN_TURNS = ("sobol", "saltelli")  # samplers of several sequences, which take turns
 ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take turns
 
 
@@ -72,19 +73,22 @@ class Sampler:
     @property
     def unit(self) -> int:
         """Number of samples that belong together: numbers that are not multiples leave some without the others."""
-        return {"sobol": self._scene.ensemble.replicates, "saltelli": len(self.names) + 2}.get(self.kind, 1)
+        return self._scene.ensemble.replicates if self.kind == "sobol" else self._size
+
+    @property
+    def _size(self) -> int:
+        """Number of samples that a point of the design makes."""
+        return len(self.names) + 2 if self.kind == "saltelli" else 1
 
     def replicates(self, n: int) -> np.ndarray | None:
         """Return which independent replicate each of n samples belongs to, (n,); None where samples are independent."""
-        if self.kind not in ("sobol", "saltelli"):
+        if self.kind not in IN_TURNS:
             return None
-        size = len(self.names) + 2 if self.kind == "saltelli" else 1  # blocks take turns as a whole
-        return np.arange(n) // size % self._scene.ensemble.replicates
+        return np.arange(n) // self._size % self._scene.ensemble.replicates  # blocks take turns as a whole
 
     def described(self, n: int) -> np.ndarray:
         """Return which of n samples statistics are of, (n,): all, but of blocks the points A and B."""
-        size = len(self.names) + 2
-        return np.isin(np.arange(n) % size, (0, size - 1)) if self.kind == "saltelli" else np.ones(n, dtype=bool)
+        return np.isin(np.arange(n) % self._size, (0, self._size - 1))
 
     @property
     def named(self) -> tuple[str, str]:
@@ -93,9 +97,9 @@ class Sampler:
         not be."""
         if self._design is None:
             return self.kind, ""
-        turns = self.kind in ("sobol", "saltelli")
+        turns = self.kind in IN_TURNS
         n_replicates = self._scene.ensemble.replicates if turns else 1
-        n = ROUNDS_NAMED * n_replicates * (self.unit if self.kind == "saltelli" else 1)
+        n = ROUNDS_NAMED * n_replicates * self._size
         numbers = self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples))
         kind = f"{self.kind} of {n_replicates} replicates" if turns else self.kind
         return kind, identity(numbers)

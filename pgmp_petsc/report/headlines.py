@@ -50,13 +50,15 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     time, error = known[worst]
     alike = ", with the same time step," if comparison.same_steps else ""
     share, when = np.max(error) / 100.0, f"{time[np.argmax(error)]:.4g} s"
-    estimated = {} if run.errors is None or not comparison.same_steps else run.errors.outputs
-    own, rest = run.errors.share(worst) if worst in estimated else np.nan, ""
+    words = (
+        f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at {when}"
+    )
+    estimated = run.errors.outputs if comparison.same_steps and run.errors is not None else ()
+    own = run.errors.share(worst) if worst in estimated else np.nan
     if MUCH_MORE * own < share:
-        rest = f"; {share_text(own)} is estimated to be the {MODELS[run.model]} run's"
-        rest += ", the rest the time step's in the other"
-    largest = f"at most {share_text(share)} of the largest {worst}, at {when}"
-    return f"differs from {MODELS[other.model]}{alike} by {largest}{rest}"
+        words += f"; {share_text(own)} is estimated to be the {MODELS[run.model]} run's"
+        words += ", the rest the time step's in the other"
+    return words
 
 
 def headline_of_ensemble(path: Path) -> str:

@@ -235,8 +235,7 @@ class _Fitting:
             return (left / sigma[:, None]).ravel()
 
         done = least_squares(
-            residuals,
-            begin,
+            residuals, begin,
             lambda x: np.concatenate(list(self._jacobian(self._run(x * self._scale)) / sigma[:, None, None]))
             * self._scale,
             bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,
