@@ -125,10 +125,10 @@ def ended(job: subprocess.Popen[str], status: int = 0) -> tuple[str, str]:
     return out, err
 
 
-def stop(job: subprocess.Popen[str], when: Path, number: signal.Signals = signal.SIGUSR1) -> None:
-    """Send a signal to the script alone, once a file is there."""
+def stop(job: subprocess.Popen[str], when: Path, number: signal.Signals = signal.SIGUSR1, size: int = 0) -> None:
+    """Send a signal to the script alone, once a file of at least a size (bytes) is there."""
     deadline = time.monotonic() + TIMEOUT_SECONDS
-    while not list(when.parent.glob(when.name)):
+    while not any(path.stat().st_size >= size for path in when.parent.glob(when.name)):
         assert job.poll() is None and time.monotonic() < deadline, job.communicate()
         time.sleep(0.01)
     job.send_signal(number)
@@ -264,7 +264,7 @@ def test_a_job_that_finished_nothing_is_not_repeated(checkout: Path) -> None:
     for script in ("build.slurm", "build.slurm", "build.pbs"):  # the second one is a resumed job
         (checkout / "calls").unlink(missing_ok=True)
         job = start(checkout, script, **given)
-        stop(job, checkout / "calls")
+        stop(job, checkout / "calls", size=1)  # a shell makes the file before it writes the line
         _, err = ended(job, 128 + signal.SIGUSR1)
         assert err.startswith(f"{script}: nothing was finished within the wall time")
         assert len(calls(checkout)) == 1
