@@ -39,8 +39,15 @@ OF_PETSC = (
 )  # fmt: skip
 # given to processes that belong to a run of several ranks, or may do so
 OF_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
-# Open MPI's settings for a process that is alone: no daemon, no networks
-ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
+# Open MPI's settings for a process that is alone: no daemon, no networks, and no folder for messages through memory.
+# Open MPI gives all such processes of a user one and the same folder, and one that ends removes it from under those that
+# start just then
+ALONE = {
+    "OMPI_MCA_ess_singleton_isolated": "1",
+    "OMPI_MCA_orte_create_session_dirs": "0",
+    "OMPI_MCA_pml": "ob1",
+    "OMPI_MCA_btl": "self",
+}
 ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of an option's value
 
 

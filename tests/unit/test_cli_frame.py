@@ -232,18 +232,23 @@ def test_commands_that_do_not_need_petsc_do_not_import_it(run):
     assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
 
 
-@pytest.mark.parametrize(("given", "daemons"), [({}, 0), ({"SLURM_JOB_ID": "1"}, 1)])
-def test_a_process_alone_starts_no_daemon(given, daemons):
-    """In a batch job it may be one of several; what it starts itself is not told that it is alone."""
+@pytest.mark.parametrize(("given", "daemons", "folders"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
+def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, folders):
+    """In a batch job it may be one of several; what it starts itself is not told that it is alone.
+
+    Nor does it make a folder: processes that are alone would share it, and one that ends would take it from others.
+    """
     script = (
         "import os; from pgmp_petsc.runtime.petsc import ALONE, start_mpi; size = start_mpi().size\n"
         "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"
-        "print(size, len(children), [name for name in ALONE if name in os.environ])"
+        "made = os.listdir(os.environ['TMPDIR'])\n"
+        "print(size, len(children), len(made), [name for name in ALONE if name in os.environ])"
     )
+    given = given | {"TMPDIR": str(tmp_path)}
     # a test process that itself started MPI passes names on
     environment = {name: value for name, value in os.environ.items() if name not in (*OF_RANKS, *ALONE)} | given
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout.split(maxsplit=2) == ["1", str(daemons), "[]\n"]
+    assert done.stdout.split(maxsplit=3) == ["1", str(daemons), str(folders), "[]\n"]
 
 
 def test_shared_options(run):
