@@ -84,7 +84,8 @@ def test_parts_of_what_is_counted_say_nothing(monkeypatch: pytest.MonkeyPatch) -
         with progress(3, "settings", Rank(0)) as bar, without_progress():
             assert isinstance(progress(3, "samples", Rank(0)), Silent)
             bar.update()
-        assert not isinstance(progress(3, "samples", Rank(0)), Silent), "it ends with the block"
+        with progress(3, "samples", Rank(0)) as after:
+            assert not isinstance(after, Silent), "it ends with the block"
 
 
 def test_short_work_says_nothing() -> None:
