@@ -1,6 +1,6 @@
 """Samples from a file: a table with a column for every uncertain parameter, as CSV or HDF5, SI units.
 
-CSV has the names in its first line and commas between numbers. HDF5 has a data set (N,) for each parameter, at the top
+CSV has the names in its first line, with or without the parameters' units, and commas between numbers. HDF5 has a data set (N,) for each parameter, at the top
 or in a group ``parameters``: any ensemble of this program is such a file, whose samples another model can so repeat.
 """
 
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.ensemble.batch import SampleFile
+from pgmp_petsc.runtime.csv_table import csv_table
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 from pgmp_petsc.runtime.remarks import note
 from pgmp_petsc.scene import Scene
@@ -39,7 +40,7 @@ def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
         if not path.is_file():
             raise InputError(f"{OPTION} {path}: there is no such file; a CSV or HDF5 file of samples is needed")
         is_hdf5 = h5py.is_hdf5(path)
-        columns, lines = _of_hdf5(path, scene) if is_hdf5 else _of_csv(path, scene)
+        columns, lines, others = _of_hdf5(path, scene) if is_hdf5 else _of_csv(path, scene)
         with open(path, "rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
     except (OSError, UnicodeDecodeError, csv.Error, RuntimeError) as error:
@@ -57,29 +58,26 @@ def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
             break
     if problems:
         raise input_error(problems)
-    return SampleFile(path, columns, content, _unused(path, scene, columns, is_hdf5))
+    text = f"columns of '{path}' that are no parameters have no part: {', '.join(others)}"
+    return SampleFile(path, columns, content, (note(text),) if others else ())
 
 
-def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the columns of parameters and the number of each sample's line; text that is no number is refused."""
+def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+    """Return the columns of parameters, the number of each sample's line, and the names of columns that have no part."""
     with open(path, encoding="utf-8-sig", newline="") as stream:
-        rows = csv.reader(stream, skipinitialspace=True)
-        names = [name.strip() for name in next(rows, [])]
+        units = {name: parameter.unit for name, parameter in scene.parameters.items()}
+        names, rows = csv_table(stream, f"{OPTION} {path}", units)
         used = _used(path, names, scene)
         places = [names.index(name) for name in used]
         values: list[list[float]] = []
         lines = []
-        for row in rows:
-            if not row:
-                continue
-            where = f"{OPTION} {path}: line {rows.line_num}"
-            if len(row) != len(names):
-                raise InputError(f"{where} has {len(row)} entries; the first line names {len(names)} columns")
+        for line, row in rows:
+            where = f"{OPTION} {path}: line {line}"
             values.append([_number(row[place], where, name) for place, name in zip(places, used)])
-            lines.append(rows.line_num)
+            lines.append(line)
     if not lines:
         raise InputError(f"{OPTION} {path}: there are no samples in it, only a first line of names")
-    return dict(zip(used, np.array(values).T)), np.array(lines)
+    return dict(zip(used, np.array(values).T)), np.array(lines), [name for name in names if name not in used]
 
 
 def _number(text: str, where: str, name: str) -> float:
@@ -90,8 +88,8 @@ def _number(text: str, where: str, name: str) -> float:
         raise InputError(f"{where}: {name} = {shown}; a number is needed") from None
 
 
-def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the columns of parameters and the number of each sample."""
+def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+    """Return the columns of parameters and the number of each sample; data sets that have no part are not named."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -108,7 +106,7 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise InputError(f"{OPTION} {path}: columns differ in length: {found}")
-    return columns, np.arange(max(lengths.values()))
+    return columns, np.arange(max(lengths.values())), []
 
 
 def _used(path: Path, names: list[str], scene: Scene) -> list[str]:
@@ -149,13 +147,3 @@ def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene
         for number in np.flatnonzero(low >= high):
             where = f"effects.{name}.lower = {low[number]:g}; must be below upper, {high[number]:g}"
             yield f"{place} {lines[number]}: {where}"
-
-
-def _unused(path: Path, scene: Scene, columns: Mapping[str, np.ndarray], is_hdf5: bool) -> tuple:
-    """Return a note on columns of a CSV file that are no parameters."""
-    if is_hdf5:
-        return ()
-    with open(path, encoding="utf-8-sig", newline="") as stream:
-        names = [name.strip() for name in next(csv.reader(stream, skipinitialspace=True))]
-    others = [name for name in names if name not in columns]
-    return (note(f"columns of '{path}' that are no parameters have no part: {', '.join(others)}"),) if others else ()

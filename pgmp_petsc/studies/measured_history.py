@@ -1,26 +1,23 @@
 """A measured history: a table of instants and outputs in a CSV file.
 
-The first line has the names: ``time`` (s) and outputs of the scene, in their SI units. A unit may stand behind a name,
-``time (s)``, as in the tables that this program writes; another one than the output's is refused. Other columns have no
-part.
+The first line has the names: ``time`` (s) and outputs of the scene, in their SI units. Other columns have no part.
 """
 
 from __future__ import annotations
 
 import csv
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.csv_table import csv_table
 from pgmp_petsc.runtime.errors import InputError, nearest_name, plain_reason, shortened
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"
-WITH_UNIT = re.compile(r"(.*?)\s*\((.*)\)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +49,14 @@ def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHis
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:
-            rows = csv.reader(stream, skipinitialspace=True)
-            names = [_named(path, name.strip(), {TIME: "s", **outputs.units}) for name in next(rows, [])]
+            names, rows = csv_table(stream, f"'{path}'", {TIME: "s", **outputs.units})
             used = _used(path, names, outputs)
             places = {name: names.index(name) for name in used}
             table, lines = [], []
-            for row in rows:
-                if not row:
-                    continue
-                where = f"'{path}': line {rows.line_num}"
-                if len(row) != len(names):
-                    raise InputError(f"{where} has {len(row)} entries; the first line names {len(names)} columns")
+            for line, row in rows:
+                where = f"'{path}': line {line}"
                 table.append([_number(row[place], where, name) for name, place in places.items()])
-                lines.append(rows.line_num)
+                lines.append(line)
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"measured history '{path}' cannot be read: {plain_reason(error) or error}") from error
     if not table:
@@ -75,19 +67,6 @@ def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHis
     others = [name for name in names if name not in used]
     remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
     return MeasuredHistory(time, columns, remarks)
-
-
-def _named(path: Path, column: str, units: dict[str, str]) -> str:
-    """Return the name of a column without its unit, which has to be that of the output."""
-    parts = WITH_UNIT.fullmatch(column)
-    if column in units or parts is None or parts[1] not in units:
-        return column
-    name, unit = parts.groups()
-    if unit.strip() != units[name]:
-        raise InputError(
-            f"'{path}': the column '{column}' has to be in {units[name]}: convert it, and name it '{name}'"
-        )
-    return name
 
 
 def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:

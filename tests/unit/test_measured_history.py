@@ -50,6 +50,8 @@ def test_tables_of_this_program_are_read(tmp_path: Path) -> None:
         ("time (ms),angle\n0,1\n", "the column 'time (ms)' has to be in s: convert it, and name it 'time'"),
         ("time,bend (mm)\n0,1\n", "the column 'bend (mm)' has to be in m: convert it, and name it 'bend'"),
         ("time,angle,angle (rad)\n0,1,2\n", "2 columns are called 'angle'; one is needed"),
+        ("time;angle\n0,0;1\n", "columns are separated by semicolons ('time;angle'); commas are needed, and points"),
+        ("time\tangle\n0\t1\n", "columns are separated by tabs ('time angle'); commas are needed"),
         ("time,angle\n", "there are no measurements in it, only a first line of names"),
         ("time,angle\n0,1\n0.1\n", "line 3 has 1 entries; the first line names 2 columns"),
         ("time,angle\n0,1\n0.1,x\n", "line 3: angle = 'x'; a finite number is needed"),

@@ -22,6 +22,7 @@ RADII = [5e-3, 5.5e-3, 6e-3]
 def scene() -> Scene:
     return slider_crank(
         'parameters.r1={nominal=5.6e-3, bounds=[1e-3, 12e-3], distribution={name="norm", loc=5.6e-3, scale=1e-3}}',
+        'parameters.r1.unit="m"',
         "parameters.rho={nominal=7800.0}",
         'materials.steel.rho="rho"',
     )
@@ -45,6 +46,15 @@ def test_columns_of_parameters_are_taken_and_others_named(scene: Scene, tmp_path
     assert f"columns of '{path}' that are no parameters have no part: run" in texts
     assert any("which nothing here can check" in text for text in texts)
     np.testing.assert_array_equal(read_samples(path, scene, 2).values["r1"], RADII[:2])
+
+
+def test_units_stand_behind_names_as_in_tables_of_this_program(scene: Scene, tmp_path: Path) -> None:
+    path = csv(tmp_path, "sample,status,r1 (m),angle (rad)\n0,0,5e-3,0.1\n1,0,5.5e-3,0.2\n2,0,6e-3,0.3\n")
+    file = read_samples(path, scene, None)
+    np.testing.assert_array_equal(file.values["r1"], RADII)
+    assert [remark.text for remark in file.remarks] == [
+        f"columns of '{path}' that are no parameters have no part: sample, status, angle (rad)"
+    ]
 
 
 def test_parameters_without_a_column_keep_the_value_of_the_run(scene: Scene, tmp_path: Path) -> None:
@@ -81,6 +91,10 @@ def test_another_content_is_another_identity(scene: Scene, tmp_path: Path) -> No
         ("r1\n5e-3\n\ninf\n", "line 4: r1 = inf; a finite number is needed"),
         ("r1\n5e-3\n0.5e-3\n", "line 3: r1 = 0.0005; must lie in parameters.r1.bounds, [0.001, 0.012]"),
         ("r1,rho\n5e-3,-1\n", "line 2: rho = -1; must be positive for what uses it"),
+        ("r1 (mm)\n5\n", "the column 'r1 (mm)' has to be in m: convert it, and name it 'r1'"),
+        ("r1,rho (g/cm3)\n5e-3,7.8\n", "the column 'rho (g/cm3)' has to be in SI units: convert it, and name it 'rho'"),
+        ("rho;r1\n7800;0,005\n", "columns are separated by semicolons ('rho;r1'); commas are needed"),
+        ("r1,r1 (m)\n5e-3,5e-3\n", "2 columns are called 'r1'; one is needed"),
         ("r1,r1\n5e-3,5e-3\n", "2 columns are called 'r1'; one is needed"),
         ("r1\n" + "1\n" * 20, "... and 2 more problems"),
     ],
