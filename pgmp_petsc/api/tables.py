@@ -63,7 +63,8 @@ def _write_frames(file: Path, output: Path) -> int:
     with open_file(file, KINDS) as opened:
         kind = str(opened.attrs["kind"])
     if kind != "trajectory":
-        table = f"; a table of it is written as -o {output.with_suffix('.csv')}" if kind in TABULAR else ""
+        name = output.with_suffix(".csv") if output.name else "NAME.csv"
+        table = f"; a table of it is written as -o {name}" if kind in TABULAR else ""
         raise InputError(f"output '{output}': {named(kind)} ('{file}') has no frames, a trajectory has{table}")
     return write_xdmf(file, output)
 

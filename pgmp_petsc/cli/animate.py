@@ -10,13 +10,13 @@ import click
 from pgmp_petsc.api.films import FIELDS, LARGEST_SCALE, LONGEST, MOST_PICTURES, RATE
 from pgmp_petsc.api.films import animate as animated
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import Number, output_option
+from pgmp_petsc.cli.options import Number, PathName, output_option
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.errors import InputError
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PathName())
 @output_option
 @click.option(
     "--field",

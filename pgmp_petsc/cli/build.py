@@ -10,7 +10,7 @@ import click
 
 from pgmp_petsc.api.models import build as built
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.options import PathName, output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.runtime.remarks import Remark
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.argument("scene", metavar="SCENE", type=PathName())
 @output_option
 @ranks_per_angle_option
 @click.option("--resume", is_flag=True, help="Take up a build of the same file that was stopped.")

@@ -8,7 +8,7 @@ import click
 
 from pgmp_petsc.api.checks import check as checked
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.options import PathName, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
@@ -16,7 +16,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.argument("scene", metavar="SCENE", type=PathName())
 @click.option(
     "--effects",
     "sizes",
@@ -28,7 +28,7 @@ from pgmp_petsc.runtime.errors import InputError
     "--plot",
     "picture",
     metavar="FILE.png",
-    type=click.Path(path_type=Path),
+    type=PathName(),
     help="Also draw the assembled mechanism with the names of bodies, joints and points.",
 )
 @output_form

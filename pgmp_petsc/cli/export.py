@@ -8,7 +8,7 @@ import click
 
 from pgmp_petsc.api.tables import export_result
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import Whole, output_option, scene_options
+from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import is_table
@@ -20,7 +20,7 @@ XDMF = (".xdmf", ".xmf")
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PathName())
 @output_option
 @click.option("--fmi", type=Whole(2, 3), help="Version of FMI of an FMU, 2 (default) or 3.")
 @scene_options

@@ -10,7 +10,7 @@ import click
 from pgmp_petsc.api.designs import fit as fitted
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import fit_lines
-from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.options import PathName, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
@@ -20,8 +20,8 @@ from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
-@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
-@click.argument("measured", metavar="MEASURED.csv", type=click.Path(path_type=Path))
+@click.argument("source", metavar="ROM.h5", type=PathName())
+@click.argument("measured", metavar="MEASURED.csv", type=PathName())
 @file_option
 @plot_option
 @parameter_option("Fit parameter NAME, instead of all with a distribution")

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.api.contents import Contents, contents
+from pgmp_petsc.cli.options import PathName
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
@@ -16,7 +17,7 @@ from pgmp_petsc.runtime.files import KINDS, shapes_of
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PathName())
 @click.option("--scene", is_flag=True, help="Print the scene that the file was made from, as TOML.")
 @output_form
 @click.pass_context

@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.api.modes import frequencies
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import Whole, output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.options import PathName, Whole, output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.modes import ModesTable
@@ -21,9 +21,9 @@ NOTHING = 1e-6  # of a mode's highest frequency
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.argument("scene", metavar="SCENE", type=PathName())
 @output_option
-@click.option("--rom", metavar="ROM.h5", type=click.Path(path_type=Path), help="Add this model's frequencies.")
+@click.option("--rom", metavar="ROM.h5", type=PathName(), help="Add this model's frequencies.")
 @click.option(
     "--angles",
     metavar="N",

@@ -16,7 +16,7 @@ from pgmp_petsc.api.requests import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Shard,
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_of, model_options, one_model
-from pgmp_petsc.cli.options import Whole, output_option, scene_options
+from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.rare import alone
 from pgmp_petsc.cli.rare import report as report_rare
@@ -30,7 +30,7 @@ from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
-@click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
+@click.argument("source", metavar="ROM.h5|SCENE", type=PathName())
 @output_option
 @click.option(
     "-n", "n_samples", metavar="N", type=Whole(1, MOST_SAMPLES),
@@ -41,7 +41,7 @@ from pgmp_petsc.runtime.remarks import Remark
     "--sampler", type=click.Choice(SAMPLERS), help="How samples are chosen; otherwise as ensemble.sampler says."
 )
 @click.option(
-    "--samples", "table", metavar="TABLE", type=click.Path(path_type=Path),
+    "--samples", "table", metavar="TABLE", type=PathName(),
     help="Take the samples of a CSV or HDF5 file, columns named as parameters, SI units.",
 )  # fmt: skip
 @model_options
@@ -68,7 +68,7 @@ from pgmp_petsc.runtime.remarks import Remark
 )  # fmt: skip
 @click.option("--budget", metavar="TIME", help="Stop in time: 60s, 10min or 2h from the start of the command.")
 @click.option(
-    "--retry-failed", "failed", metavar="FILE", type=click.Path(path_type=Path),
+    "--retry-failed", "failed", metavar="FILE", type=PathName(),
     help="Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.options import PathName
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
@@ -27,7 +28,7 @@ class TemplateCommand(click.Command):
     metavar="TEMPLATE",
     shell_complete=lambda context, option, begun: [name for name in template_names() if name.startswith(begun)],
 )
-@click.argument("file", metavar="FILE.toml", type=click.Path(path_type=Path))
+@click.argument("file", metavar="FILE.toml", type=PathName())
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @quiet
 @click.pass_context

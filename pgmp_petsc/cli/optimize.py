@@ -11,7 +11,7 @@ from pgmp_petsc.api.designs import Robust
 from pgmp_petsc.api.designs import optimize as designed
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import design_lines
-from pgmp_petsc.cli.options import Number, Whole, scene_options
+from pgmp_petsc.cli.options import Number, PathName, Whole, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
@@ -21,7 +21,7 @@ from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
-@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
+@click.argument("source", metavar="ROM.h5", type=PathName())
 @click.argument("goal", metavar="GOAL")
 @click.option(
     "--subject-to", "constraints", multiple=True, metavar="CONSTRAINT", help="What the design must keep; repeatable."

@@ -12,6 +12,23 @@ import click
 Command = TypeVar("Command", bound=Callable[..., object])
 
 
+class PathName(click.Path):
+    """The path of a file or a folder; the function receives a Path.
+
+    An empty word is refused, which is what a shell makes of a variable that nobody set: as a path it is the current
+    folder, which no one asked for.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path of a word."""
+        if not str(value):
+            self.fail("it is empty; a name is needed, or . for the current folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Whole(click.IntRange):
     """A whole number in a range; whatever else comes, the message says which numbers are allowed."""
 
@@ -75,7 +92,7 @@ def scene_options(command: Command) -> Command:
 
 def files_argument(command: Command) -> Command:
     """Add the names of one or more files; the function receives ``files`` (tuple of Path)."""
-    path = click.Path(path_type=Path)
+    path = PathName()
     return click.argument("files", nargs=-1, required=True, metavar="FILE...", type=path)(command)
 
 
@@ -86,7 +103,7 @@ def output_option(command: Command) -> Command:
         "--output",
         required=True,
         metavar="FILE",
-        type=click.Path(path_type=Path),
+        type=PathName(),
         help="File to write; it replaces an older one when it is complete.",
     )(command)
 

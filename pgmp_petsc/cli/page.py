@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.options import files_argument
+from pgmp_petsc.cli.options import PathName, files_argument
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say_of_files
 
@@ -18,7 +18,7 @@ from pgmp_petsc.cli.report import say_of_files
     "--output",
     required=True,
     metavar="FILE.html",
-    type=click.Path(path_type=Path),
+    type=PathName(),
     help="Page to write; it replaces an older one when it is complete.",
 )
 @quiet

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.api.films import LARGEST_SCALE
-from pgmp_petsc.cli.options import Number, files_argument
+from pgmp_petsc.cli.options import Number, PathName, files_argument
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say_of_files
 
@@ -19,7 +19,7 @@ from pgmp_petsc.cli.report import say_of_files
     "--output",
     required=True,
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=PathName(),
     help="Directory for the pictures; made if it does not exist.",
 )
 @click.option(

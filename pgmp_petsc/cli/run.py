@@ -10,19 +10,19 @@ from pgmp_petsc.api.ensembles import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.api.jobs import PAGE
 from pgmp_petsc.api.jobs import run as whole_run
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import Whole, scene_options
+from pgmp_petsc.cli.options import PathName, Whole, scene_options
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.runtime.errors import RunError
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.argument("scene", metavar="SCENE", type=PathName())
 @click.option(
-    "--report", "page", metavar="FILE.html", type=click.Path(path_type=Path), is_flag=False, flag_value=PAGE,
+    "--report", "page", metavar="FILE.html", type=PathName(), is_flag=False, flag_value=PAGE,
     help="Page to write; without a name, or without the option, report.html in the folder.",
 )  # fmt: skip
 @click.option(
-    "-o", "--output", "folder", metavar="FOLDER", type=click.Path(path_type=Path),
+    "-o", "--output", "folder", metavar="FOLDER", type=PathName(),
     help="Folder for all files; SCENE_results beside the scene if not given.",
 )  # fmt: skip
 @click.option(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.options import PathName
 from pgmp_petsc.cli.output_form import quiet
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
@@ -19,7 +20,7 @@ PAGES = (".md", ".markdown")
     "-o",
     "--output",
     metavar="FILE.json|FILE.md",
-    type=click.Path(path_type=Path),
+    type=PathName(),
     help="File to write; standard output has the JSON schema if it is not given.",
 )
 @quiet

@@ -11,7 +11,7 @@ from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.runs import sensitivities as differentiated
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import report
-from pgmp_petsc.cli.options import Command, scene_options
+from pgmp_petsc.cli.options import Command, PathName, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
@@ -26,17 +26,17 @@ def parameter_option(what: str) -> Callable[[Command], Command]:
 def file_option(command: Command) -> Command:
     """Add ``-o/--output FILE``, which may be left out; the function receives ``output`` (Path or None)."""
     text = "File to keep the result in; it replaces an older one when it is complete."
-    return click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path), help=text)(command)
+    return click.option("-o", "--output", metavar="FILE", type=PathName(), help=text)(command)
 
 
 def plot_option(command: Command) -> Command:
     """Add ``--plot DIR``; the function receives ``plot`` (Path or None)."""
     text = "Directory for the picture; made if it does not exist."
-    return click.option("--plot", metavar="DIR", type=click.Path(path_type=Path), help=text)(command)
+    return click.option("--plot", metavar="DIR", type=PathName(), help=text)(command)
 
 
 @click.command()
-@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
+@click.argument("source", metavar="ROM.h5", type=PathName())
 @file_option
 @plot_option
 @parameter_option("Differentiate with parameter NAME, instead of all of the scene")

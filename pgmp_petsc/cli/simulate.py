@@ -12,7 +12,7 @@ from pgmp_petsc.api.runs import simulate as simulated
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.models import model_of, model_options, one_model
-from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.options import PathName, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.trajectory import Trajectory
@@ -20,7 +20,7 @@ from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
-@click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
+@click.argument("source", metavar="ROM.h5|SCENE", type=PathName())
 @output_option
 @model_options
 @output_form

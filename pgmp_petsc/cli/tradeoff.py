@@ -9,7 +9,7 @@ import click
 
 from pgmp_petsc.api.tradeoffs import tradeoff as measured
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import Whole, output_option, scene_options
+from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.tradeoff_table import summary
@@ -18,7 +18,7 @@ from pgmp_petsc.runtime.remarks import Remark
 
 
 @click.command()
-@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.argument("scene", metavar="SCENE", type=PathName())
 @output_option
 @click.option("--quick", is_flag=True, help="Measure fewer settings: within a minute for a small scene.")
 @click.option("--resume", is_flag=True, help="Take up a study of the same file that was stopped.")

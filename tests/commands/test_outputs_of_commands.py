@@ -117,6 +117,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
         (("export", "trajectory.h5"), "trajectory.h5", "is what the command reads"),
         (("export", "trajectory.h5"), "meshes/rod_5.msh", "the ending .msh is that of another format"),
         (("export", "trajectory.h5"), "modes.h5", "name it"),
+        (("export", "modes.h5"), ".", "has no frames, a trajectory has; a table of it is written as -o NAME.csv"),
         (("simulate", "scenes/scene.toml"), "x.h5", "make it of the scene with 'pgmp build"),
     ],
 )

@@ -82,6 +82,18 @@ def test_help_is_printed_once(run, n, arguments):
             "(see 'pgmp plot --help')",
         ),
         ("info no.h5", 2, None),
+        (
+            "export rom.h5 --output=",
+            2,
+            "Invalid value for '-o' / '--output': it is empty; a name is needed, or . for the current folder "
+            "(see 'pgmp export --help')",
+        ),
+        (
+            "montecarlo rom.h5 -o e.h5 --samples=",
+            2,
+            "Invalid value for '--samples': it is empty; a name is needed, or . for the current folder "
+            "(see 'pgmp montecarlo --help')",
+        ),
         ("fine -- -options_left", 2, None),
         ("options", 2, "Missing option '-o' / '--output' (see 'pgmp options --help')"),
     ],
