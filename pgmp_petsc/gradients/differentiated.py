@@ -50,6 +50,11 @@ class DifferentiatedRun:
     steps_divided: int = 1
     contacts: tuple[Contact, ...] = ()
 
+    def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants after the scene's own steps and the outputs there, as many whatever the run's steps."""
+        every = slice(None, None, self.steps_divided)
+        return self.time[every], {name: values[every] for name, values in self.outputs.items()}
+
 
 class _Trail:
     """Keeps all states of a run; see `TrailObserver`."""

@@ -28,7 +28,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.design_figures import DesignFigures, Question
 from pgmp_petsc.studies.goals import Dual
-from pgmp_petsc.studies.sensitivities import contact_remarks
+from pgmp_petsc.studies.sensitivities import contact_remarks, step_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -114,7 +114,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     remarks = (
         *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
         *_of_limits(question, figures, best),
-        *_of_robust(question, figures), *contact_remarks(ended), *model.scene.remarks,
+        *_of_robust(question, figures), *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [
@@ -124,6 +124,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
         )
         for k, constraint in enumerate(question.constraints)
     ]  # fmt: skip
+    (_, at_begin), (time, at_end) = (run.at_steps_of_scene() for run in (begun, ended))
     scene = model.scene
     parameters = [
         DesignParameter(name, scene.parameters[name].unit or "1", *map(float, row))
@@ -135,7 +136,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
                   timings.as_dict(), remarks),
         question.goal.text, sense * first[0].value, sense * last[0].value, tuple(parameters), tuple(described),
         np.array(figures.tried), sense * np.array(figures.goals), question.deviations, figures.n_samples,
-        ended.time, begun.outputs, ended.outputs, dict(model.outputs.units), converged,
+        time, at_begin, at_end, dict(model.outputs.units), converged,
     )  # fmt: skip
 
 

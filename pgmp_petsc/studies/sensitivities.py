@@ -118,6 +118,14 @@ def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
     return (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain)
 
 
+def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> list[Remark]:
+    """Return that a run took smaller steps than the scene's, where it did."""
+    if run.steps_divided == 1:
+        return []
+    step = f"simulation.step = {model.scene.simulation.step:g} s"
+    return [note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it")]
+
+
 def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> tuple[Remark, ...]:
     """Return what is to be said of the derivatives of a run."""
     remarks = [
@@ -126,9 +134,7 @@ def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> tu
             "of the run are by pgmp simulate"
         )
     ]
-    if run.steps_divided > 1:
-        step = f"simulation.step = {model.scene.simulation.step:g} s"
-        remarks.append(note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it"))
+    remarks += step_remarks(model, run)
     if isinstance(model, LengthLanes):
         remarks.append(polynomials_of_lengths(model, False))
     stresses = model.members[0].outputs.stresses

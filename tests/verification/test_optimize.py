@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,23 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
     with pytest.raises(kind, match=r"at r = 0\.005: no run") as error:
         design_of(cantilever, "minimise r")
     assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
+
+
+def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(
+    cantilever: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    halved = reduced_model(scene_from_toml(CANTILEVER.replace("step = 1e-3", "step = 5e-4"), "."))
+
+    def with_half_the_step(model: ReducedModel, values: dict[str, float], names: tuple[str, ...]) -> DifferentiatedRun:
+        if values["r"] < 10e-3:
+            return differentiate(model, values, names)
+        return replace(differentiate(halved, values, names), steps_divided=2)
+
+    monkeypatch.setattr(design_figures, "differentiate", with_half_the_step)
+    found = design_of(cantilever, "maximise r")
+    np.testing.assert_allclose(found.time, [0.0, 1e-3, 2e-3], rtol=1e-12)
+    assert found.begun["sag"].shape == found.designed["sag"].shape == (3,)
+    assert any("it was integrated with 1/2 of it" in remark.text for remark in found.record.remarks)
 
 
 def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the run stopped at 1 ms") -> None:
