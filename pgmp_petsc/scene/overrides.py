@@ -60,7 +60,8 @@ def _finite(setting: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number")
+        needed = "the number of SI units alone is needed"
+        raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number; {needed}")
     return value
 
 

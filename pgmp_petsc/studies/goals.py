@@ -237,15 +237,20 @@ class _Parser:
             self.advance()
         if self._kind != "number":
             self.refuse("a number is needed as exponent")
-        exponent = sign * float(self.token)
-        self.advance()
+        exponent = sign * self._value()
         return lambda outcome: base(outcome) ** exponent
+
+    def _value(self) -> float:
+        """Read a number."""
+        value = float(self.token)
+        if not np.isfinite(value):
+            self.refuse(f"{self.token} is no finite number")
+        self.advance()
+        return value
 
     def _factor(self) -> Expression:
         if self._kind == "number":
-            value = float(self.token)
-            self.advance()
-            return _number(value)
+            return _number(self._value())
         if self.token == "(":
             self.advance()
             inner = self.sum()

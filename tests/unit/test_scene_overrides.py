@@ -73,6 +73,7 @@ def test_a_setting_is_the_value_of_a_run() -> None:
         ("r1", "--set r1: NAME=VALUE is needed, such as --set r1=5e-3"),
         ("=1", "--set =1: NAME=VALUE is needed"),
         ("r1=thick", "--set r1=thick: 'thick' is not a finite number"),
+        ("r1=5 mm", "--set r1=5 mm: '5 mm' is not a finite number; the number of SI units alone is needed"),
         ("r1=", "--set r1=: '' is not a finite number"),
         ("r1=nan", "--set r1=nan: 'nan' is not a finite number"),
         ("r1=inf", "--set r1=inf: 'inf' is not a finite number"),
