@@ -218,12 +218,20 @@ class Parameter(Table):
             number = getattr(self, key)
             if number is not None and not low <= number <= high:
                 raise refusal(f"must lie inside the parameter's bounds [{low}, {high}]", key)
-        distribution = None if self.distribution is None else self.distribution.law
-        inside = distribution is None or max(
-            distribution.cdf(high) - distribution.cdf(low), distribution.sf(low) - distribution.sf(high)
-        )
-        if not inside > 0.0:
+        if self.distribution is None:
+            return self
+        law = self.distribution.law
+        below, above = (law.cdf(low), law.cdf(high)), (law.sf(low), law.sf(high))
+        if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
             raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
+        # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
+        if not (0.0 <= below[0] and below[1] <= 1.0 + 1e-9):
+            raise refusal(
+                f"has {below[0]:.3g} of its samples below the parameter's bounds [{low}, {high}] and {below[1]:.3g} "
+                "below their upper end, which are no shares, as it repeats itself within them; take narrower bounds, "
+                "or another distribution",
+                "distribution",
+            )
         return self
 
 

@@ -227,6 +227,14 @@ ENTRIES = [
             "gives no samples inside the parameter's bounds [0.001, 0.012]"
         ),
     ),
+    (
+        "parameters.r1.distribution={name='vonmises', kappa=2, loc=6e-3, scale=5e-4}",
+        (
+            'parameters.r1.distribution = { name = "vonmises", kappa = 2, loc = 0.006, scale = 0.0 ...: '
+            "has -1.01 of its samples below the parameter's bounds [0.001, 0.012] and 2.24 below their upper end, "
+            "which are no shares, as it repeats itself within them; take narrower bounds, or another distribution"
+        ),
+    ),
     # points
     (
         "joints.elbow.connect=['crank:tip']",
