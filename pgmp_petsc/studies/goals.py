@@ -10,8 +10,8 @@
     history     = output | "abs" "(" output ")"
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
-(`results/vertex.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of the
-mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
+(`results/vertex.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
+the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
 """
 
 from __future__ import annotations
