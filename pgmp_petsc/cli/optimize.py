@@ -88,7 +88,9 @@ def _reason(found: Design) -> str:
 
 def report(found: Design, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the table of a design, and all remarks."""
-    lines = [f"{path}: {len(found.tried)} designs of {found.n_samples} run{'s' if found.n_samples > 1 else ''} each"]
+    counts = (len(found.tried), "design"), (found.n_samples, "run")
+    designs, runs = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts)
+    lines = [f"{path}: {designs} of {runs} each"]
     lines += [*design_lines(found), *remark_lines(found.record, said)]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
     return "\n".join(lines)

@@ -18,6 +18,7 @@ from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.origin import Kept, Origin
 from pgmp_petsc.ensemble.over_time import band_steps
 from pgmp_petsc.ensemble.quantities import came_true, in_words, quantities
+from pgmp_petsc.ensemble.retry import has_steps_left
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
@@ -83,9 +84,10 @@ def describe_ensemble(
     sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
+    may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units, scene.ensemble.failed_share),
+        *failure_remarks(status, drawn, units, scene.ensemble.failed_share, may_be_retried),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),

@@ -20,7 +20,11 @@ NAMED = 3  # parameters, the clearest first
 
 
 def failure_remarks(
-    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str], hidden: float = 1.0
+    status: np.ndarray,
+    parameters: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    hidden: float = 1.0,
+    may_be_retried: bool = True,
 ) -> tuple[Remark, ...]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
@@ -34,6 +38,8 @@ def failure_remarks(
         Of the parameters.
     hidden
         Largest share of failed samples that the others are described without.
+    may_be_retried
+        Whether a further try takes any of them with steps that were not tried.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -49,12 +55,14 @@ def failure_remarks(
         return (*remarks, warning("no sample is fine, so the outputs have no statistics"))
     where = _where(failed, parameters, units)
     if n_failed > hidden * n:
+        retry = "--retry-failed with this file tries them with smaller steps"
+        cure = retry if may_be_retried else "that of the reason above"
         remarks.append(
             warning(
                 f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
                 f"no mean, deviation, density, probability, band or index, which would hide that"
-                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold. Cure: --retry-failed with "
-                "this file tries them with smaller steps; --override ensemble.failed_share=1.0 describes the others"
+                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold. Cure: {cure}; "
+                "--override ensemble.failed_share=1.0 describes the others"
             )
         )
         return tuple(remarks)

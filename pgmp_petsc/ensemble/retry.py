@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS
+from pgmp_petsc.dynamics.smaller_steps import DIVISORS, RETRIED
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.batch import Batch, Plan, SampleFile
 from pgmp_petsc.ensemble.checked_samples import checked
@@ -58,6 +58,11 @@ class Earlier:
             f"{self.n_failed} samples that had failed in '{self.path}' were tried again with steps down to "
             f"1/{FURTHER[-1]} of simulation.step; the others are those of that file"
         )
+
+
+def has_steps_left(status: np.ndarray, divisors: np.ndarray) -> bool:
+    """Return whether a further try takes any failed sample with smaller steps than were tried; shapes (N,)."""
+    return bool(np.any(np.isin(status, RETRIED) & (divisors < FURTHER[-1])))
 
 
 def read_earlier(path: Path, model: Model) -> Earlier:

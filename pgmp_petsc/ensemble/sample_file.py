@@ -49,7 +49,7 @@ def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
     if n_samples is not None and n_samples > n:
         raise InputError(f"-n {n_samples}: {OPTION} {path} has {n} samples; give at most so many, or leave -n out")
     n = n if n_samples is None else n_samples
-    columns = {name: values[:n] for name, values in columns.items()}
+    columns, lines = {name: values[:n] for name, values in columns.items()}, lines[:n]
     place = "sample" if is_hdf5 else "line"
     problems = []
     for problem in _problems(columns, lines, scene, place):

@@ -159,7 +159,8 @@ def sensitivity_remarks(
         return ()
     fewest = FEWEST_IN_SLICE * FEWEST_SLICES
     if n_fine < fewest:
-        return (note(f"{n_fine} samples are too few to rank parameters by first Sobol indices, which takes {fewest}"),)
+        few = "1 sample is" if n_fine == 1 else f"{n_fine} samples are"
+        return (note(f"{few} too few to rank parameters by first Sobol indices, which takes {fewest}"),)
     if not found:
         return ()
     count = max(one.count for one in found.values())

@@ -206,9 +206,10 @@ def stopping_remarks(stopping: Stopping, confidence: float) -> tuple[Remark, ...
                 )
             )
     if stopping.rules:
+        times = "once" if len(stopping.samples) == 1 else f"{len(stopping.samples)} times"
         remarks.append(
             note(
-                f"samples were looked at {len(stopping.samples)} times; each interval is taken at the level "
+                f"samples were looked at {times}; each interval is taken at the level "
                 f"{100 * level_of_each(confidence):.2f} %, so that at the stop it holds with {100 * confidence:g} % "
                 "although one looked (whichever of two neighbouring looks it is, docs/uncertainty.md)"
             )

@@ -16,8 +16,8 @@ dataset                              shape            content
                                      n_parameters)    distribution
 ``/extremes/<output>/max``, ``min``  ()               largest and smallest value over the run, at an instant of a step
 ``.../time_of_max``, ``time_of_min`` ()               s
-``.../max_derivatives``,             (n_parameters)   their derivatives: those of the output at that instant
-``.../min_derivatives``
+``.../max_derivatives``,             (n_parameters)   their derivatives: those of the vertex of the parabola through
+``.../min_derivatives``                               the values there and at the instants before and after it
 ``/contacts/effects``                (n_contacts)     names of the end stops that are met and left, in order of time;
                                                       the group is there if any is
 ``.../time``, ``.../met``            (n_contacts)     s; 1 where it is met, 0 where it is left
@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results.layout import check_shape, put_named, take_known, take_named, units_of
+from pgmp_petsc.results.vertex import Vertex, vertex
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of an output: its value at one instant of the run, and its derivatives.
+    """A figure of an output: its value at one instant of the run, and its derivatives; of extremes see `vertex`.
 
     Attributes
     ----------
@@ -162,8 +163,9 @@ class Derivatives:
     def figures(self, output: str) -> Iterator[Figure]:
         """Yield the figures of an output: at the end, the largest and the smallest."""
         values, rows = self.outputs[output], np.array(list(self.derivatives[output].values()))
-        for name, at in (("at the end", -1), ("largest", np.argmax(values)), ("smallest", np.argmin(values))):
-            yield Figure(name, float(values[at]), float(self.time[at]), rows[:, at])
+        places = ("at the end", Vertex(-1, 0.0)), ("largest", vertex(values, 1.0)), ("smallest", vertex(values, -1.0))
+        for name, place in places:
+            yield Figure(name, float(values[place.at]), float(self.time[place.at]), place.of(rows))
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""

@@ -106,7 +106,9 @@ class Lines:
             self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
             done = self._done - self._initial
             left = 0 if self._total is None else self._total - self._done
-            rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
+            # what work waits for, such as the compiler, comes once: it does not tell how fast the rest goes
+            known = done > 0 and left > 0 and not _waits_for
+            rest = f", about {_words(elapsed * left / done)} to go" if known else ""
             self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
 
     def __enter__(self) -> Lines:

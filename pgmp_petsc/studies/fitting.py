@@ -30,7 +30,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
-from pgmp_petsc.studies.measured_history import MeasuredHistory
+from pgmp_petsc.studies.measured_history import MeasuredHistory, remembered
 from pgmp_petsc.studies.sensitivities import contact_remarks
 from pgmp_petsc.studies.turned_back import TurnedBack
 
@@ -41,7 +41,6 @@ MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, a
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
 NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
-REMEMBERED = 0.5  # correlation of what is left with the measurement after it, beyond which it is no noise
 LEAST_NOISE = 1e-12  # of the largest measured value
 
 
@@ -330,12 +329,14 @@ class _Fitting:
         remarks = []
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
             size = float(np.sum(row**2))
-            after = float(np.sum(row[1:] * row[:-1])) / size if size > 0.0 else 0.0
-            if after > REMEMBERED:
+            lag, after = remembered(row)
+            if lag:
+                where = "from one measurement to the next" if lag == 1 else f"with the measurement {lag} later"
                 remarks.append(
                     warning(
-                        f"what is left of {name} is no independent noise (correlation {after:.2f} from one measurement "
-                        "to the next): the model differs from what was measured, and standard errors are too small"
+                        f"what is left of {name} is no independent noise (correlation {after:.2f} {where}): the model "
+                        "differs from what was measured, or a better minimum lies elsewhere (--set begins there), and "
+                        "standard errors are too small"
                     )
                 )
             if name in self._noise and size > 2.0 * row.size * sigma[k] ** 2:

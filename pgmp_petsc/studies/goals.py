@@ -9,7 +9,8 @@
     figure      = ("max" | "min" | "mean" | "rms" | "start" | "end") "(" history ")"
     history     = output | "abs" "(" output ")"
 
-A figure is that of an output over a run: its largest and smallest value at the ends of steps, the mean and the root of
+A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
+(`results/vertex.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
 the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
 """
 
@@ -22,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
+from pgmp_petsc.results.vertex import Vertex, vertex
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
@@ -79,10 +81,10 @@ class Outcome:
 Expression = Callable[[Outcome], Dual]
 
 
-def _at(place: Callable[[np.ndarray], int]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:
+def _at(place: Callable[[np.ndarray], Vertex]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:
     def figure(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
         at = place(values)
-        return Dual(float(values[at]), slopes[:, at])
+        return Dual(float(at.of(values)), at.of(slopes))
 
     return figure
 
@@ -101,12 +103,12 @@ def _rms(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
 
 
 FIGURES = {
-    "max": _at(lambda values: int(np.argmax(values))),
-    "min": _at(lambda values: int(np.argmin(values))),
+    "max": _at(lambda values: vertex(values, 1.0)),
+    "min": _at(lambda values: vertex(values, -1.0)),
     "mean": _mean,
     "rms": _rms,
-    "start": _at(lambda values: 0),
-    "end": _at(lambda values: -1),
+    "start": _at(lambda values: Vertex(0, 0.0)),
+    "end": _at(lambda values: Vertex(-1, 0.0)),
 }
 
 

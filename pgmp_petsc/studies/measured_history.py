@@ -18,6 +18,9 @@ from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"
+REMEMBERED = 0.5  # correlation of what is left with a later measurement, beyond which it is no noise
+LAGS = 10  # later measurements that are looked at: a vibration that is off may leave nothing at the next one
+BY_CHANCE = 3.5  # times 1 / sqrt(n), the deviation of correlations of n independent values: 1 of 200 such fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,3 +118,17 @@ def _check_times(path: Path, time: np.ndarray, lines: list[int], duration: float
             f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s is not in the run, [0, {duration:g}] s; give a "
             "longer one (--override simulation.duration=...), or leave these lines out"
         )
+
+
+def remembered(left: np.ndarray) -> tuple[int, float]:
+    """Return how many measurements later what is left, (n,), is most like itself, and the correlation; 0 for noise."""
+    size = float(np.sum(left**2))
+    lags = range(1, min(LAGS, left.size // 4) + 1)
+    if size == 0.0 or not lags:
+        return 0, 0.0
+    found = np.array([np.sum(left[lag:] * left[:-lag]) for lag in lags]) / size
+    if found[0] > REMEMBERED:
+        return 1, float(found[0])
+    most = int(np.argmax(np.abs(found)))
+    is_noise = abs(found[most]) <= max(REMEMBERED, BY_CHANCE / np.sqrt(left.size))
+    return (0, 0.0) if is_noise else (most + 1, float(found[most]))

@@ -7,6 +7,7 @@ import pytest
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.retry import has_steps_left
 
 N = 400
 VALUES = {name: np.random.default_rng(k).normal(0.0, 1.0, N) for k, name in enumerate(("T", "E"))}
@@ -58,6 +59,16 @@ def test_every_reason_has_its_number() -> None:
 
 def test_an_ensemble_without_any_fine_sample() -> None:
     assert said(np.ones(N, dtype=bool))[-1] == "no sample is fine, so the outputs have no statistics"
+
+
+@pytest.mark.parametrize(("tried", "reason", "left"), [(8, 2, True), (64, 2, False), (1, 1, False), (8, 0, False)])
+def test_a_further_try_is_a_cure_where_it_takes_other_steps(tried: int, reason: int, left: bool) -> None:
+    """Not of samples with unphysical values, which no step helps, nor after the smallest one."""
+    status = np.where(np.arange(N) < 300, reason, 0)
+    assert has_steps_left(status, np.where(status != 0, tried, 1)) is left
+    text = " ".join(r.text for r in failure_remarks(status, VALUES, UNITS, 0.5, left))
+    assert ("Cure: --retry-failed with this file" in text) is left
+    assert ("Cure: that of the reason above; --override ensemble.failed_share" in text) is (reason != 0 and not left)
 
 
 def test_smaller_steps_are_noted() -> None:

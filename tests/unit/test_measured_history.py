@@ -9,7 +9,7 @@ import pytest
 
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies.measured_history import read_history
+from pgmp_petsc.studies.measured_history import read_history, remembered
 
 OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
 DURATION = 1.0
@@ -76,3 +76,22 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"time,angle\n\xff\xfe\n")
     with pytest.raises(InputError, match="cannot be read: a text or a name is not valid in its encoding"):
         read_history(tmp_path / "binary.csv", OUTPUTS, DURATION)
+
+
+def test_what_is_left_of_a_vibration_is_no_noise() -> None:
+    """Measured seldom, it is little like itself at the next measurement, or its opposite, and more at later ones."""
+    turns = np.arange(80)
+    assert remembered(np.cos(0.1 * turns))[0] == 1
+    lag, correlation = remembered(np.cos(np.pi * turns))
+    assert lag == 1 and correlation == pytest.approx(-79 / 80)
+    lag, correlation = remembered(np.cos(0.5 * np.pi * turns + 0.3))
+    assert lag == 2 and correlation == pytest.approx(-78 / 80)
+
+
+def test_noise_is_taken_for_noise() -> None:
+    random = np.random.default_rng(4)
+    for n in (5, 20, 80, 1000):
+        # at most 1 in 200 by chance, of the next one alone (deviation 1 / sqrt(n)) 1 in 80 at 20
+        found = [remembered(random.normal(size=n))[0] for _ in range(200)]
+        assert np.count_nonzero(found) <= (40 if n == 5 else 8 if n == 20 else 3), n
+    assert remembered(np.zeros(50)) == (0, 0.0) and remembered(np.ones(3)) == (0, 0.0)

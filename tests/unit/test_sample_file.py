@@ -118,6 +118,8 @@ def test_ends_of_a_stop_that_cross_are_refused_with_their_line(tmp_path: Path) -
     scene = slider_crank("parameters.end={nominal=1.0}", stop, "parameters.r1.distribution={name='norm',scale=1e-3}")
     with pytest.raises(InputError, match=r"line 3: effects\.stop\.lower = -1; must be below upper, -2"):
         read_samples(csv(tmp_path, "r1,end\n5e-3,0.5\n5e-3,-2\n"), scene, None)
+    # lines beyond -n are not looked at
+    assert read_samples(csv(tmp_path, "r1,end\n5e-3,0.5\n5e-3,-2\n"), scene, 1).values["end"].tolist() == [0.5]
 
 
 def test_no_table_at_all(scene: Scene, tmp_path: Path) -> None:

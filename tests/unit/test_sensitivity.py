@@ -109,6 +109,8 @@ def test_what_does_not_vary_or_is_too_little_has_no_indices() -> None:
     assert sensitivities([("y", np.arange(79.0))], columns, ["a", "b"], fine, None, 0.95) == {}
     (said,) = sensitivity_remarks({}, None, 2, fine, False)
     assert "79 samples are too few to rank parameters by first Sobol indices, which takes 80" in said.text
+    (said,) = sensitivity_remarks({}, None, 2, fine[:1], False)
+    assert said.text.startswith("1 sample is too few to rank")
     assert of_blocks(np.full(5 * 40, 3.0), NAMES, 0.95, R) is None
     one_alone = np.where(np.arange(40) % R, 3.0, np.arange(40.0))[:, None] * np.ones(5)
     assert of_blocks(one_alone.ravel(), NAMES, 0.95, R) is None
