@@ -117,7 +117,8 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
-    basis = _answering(values, vectors, total_mass, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
+    n_modes = scene.reduction.modes + scene.n_overconstrained
+    basis = _answering(values, vectors, loads, per_node, n_modes, by_energy=stressed)
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
     elastic = free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d)
@@ -162,21 +163,26 @@ def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
 
 
 def _answering(
-    values: np.ndarray, vectors: np.ndarray, mass: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int
+    values: np.ndarray, vectors: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int, *, by_energy: bool
 ) -> np.ndarray:
     """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
-    balanced by inertia forces, from all eigenvalues and modes."""
+    balanced by inertia forces, from all eigenvalues and modes.
+
+    What is missed is measured in the mass, or by its strain energy: forces in sections are made of what hardly moves.
+    """
     kept = min(n_rigid + n_modes, values.size)
     amplitudes = vectors.T @ loads
     elastic = amplitudes[n_rigid:]
     # forces that balance inertia forces of rigid motion alone deform nothing
     deforming = np.linalg.norm(elastic, axis=0) > DEPENDENT * np.linalg.norm(amplitudes, axis=0)
     answers = elastic[:, deforming] / values[n_rigid:, None]
+    measured = np.sqrt(values[n_rigid:, None]) if by_energy else np.ones((values.size - n_rigid, 1))
     # a beam is far stiffer along than across: each answer counts by itself
-    missed = vectors[:, kept:] @ (answers[kept - n_rigid :] / np.linalg.norm(answers, axis=0))
-    squares, directions = eigh(missed.T @ mass @ missed)
-    chosen = squares > DEPENDENT
-    return np.hstack([vectors[:, :kept], missed @ (directions[:, chosen] / np.sqrt(squares[chosen]))])
+    missed = answers[kept - n_rigid :] / np.linalg.norm(measured * answers, axis=0)
+    sizes = measured[kept - n_rigid :] * missed
+    squares, directions = eigh(sizes.T @ sizes)
+    added = missed @ directions[:, squares > DEPENDENT]
+    return np.hstack([vectors[:, :kept], vectors[:, kept:] @ (added / np.linalg.norm(added, axis=0))])
 
 
 def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:

@@ -196,7 +196,13 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     InputError
         Naming the entry, the bodies or coordinates that it does not take, and the cure.
     """
-    if len(scene.coordinates) > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:
+    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
+    if n > MOST_COORDINATES and purpose is Purpose.SIZES:
+        raise InputError(
+            f"pgmp check --effects: for {MOST_COORDINATES} rigid coordinates at most, but the scene has {n}: {names}; "
+            "take pgmp check without --effects"
+        )
+    if n > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:
         _refuse_count(scene, meshes)
     flexible = any(body.flexible for body in scene.bodies.values())
     if not flexible and purpose in (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF):

@@ -13,6 +13,11 @@ from pgmp_petsc.effects import loads_of
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.runtime.remarks import Remark, warning
+
+# Of the most energy that was moved around: runs whose steps resolve what goes on stay below a hundredth.
+LARGEST_RESIDUAL = 0.05
+ROUND_OFF = 1e-9  # of the energies themselves: less is no residual of a mechanism that rests
 
 
 def balance_of(time: np.ndarray, energies: Energies) -> Balance:
@@ -26,6 +31,22 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
         done = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))
         work[name] = work.get(name, 0.0) + np.concatenate([[0.0], done])
     return Balance(energies.kinetic, energies.strain, potential, work)
+
+
+def balance_remarks(balance: Balance, step: float) -> list[Remark]:
+    """Return a warning where the energies of a run with steps of this length, s, are far from balance."""
+    largest, exchanged = float(np.abs(balance.residual).max()), balance.exchanged
+    stored = max(float(np.abs(part).max()) for part in (balance.kinetic, balance.strain, balance.potential))
+    if not largest > max(LARGEST_RESIDUAL * exchanged, ROUND_OFF * stored):
+        return []
+    return [
+        warning(
+            f"energies are out of balance by up to {largest:.3g} J, of {exchanged:.3g} J that were moved around: steps "
+            f"of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a joint on which a "
+            "load sets in at once; stresses and deformations, and the motion too, may be far off; let such loads rise "
+            "from zero over ten steps or more, or take a smaller simulation.step"
+        )
+    ]
 
 
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:

@@ -38,7 +38,7 @@ from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.studies.balance import balance_of, with_weights
+from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields
 from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
@@ -213,10 +213,11 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     space, recorded = model.kinematics.mechanism.space, part.recorded
     frames = np.array(recorded["frames"][: len(part.shown)])
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
+    balance = balance_of(part.time, recorded["energies"])
     return Trajectory(
         coordinates=recorded["coordinates"],
         fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
-        balance=balance_of(part.time, recorded["energies"]),
+        balance=balance,
         **_described(
             model,
             part,
@@ -226,6 +227,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             (
                 *why_stopped(model, part.run, ""),
                 *steps,
+                *balance_remarks(balance, part.attempt.simulation.step),
                 *why_not_of_full_order(model),
                 *started,
                 *left_out_of_fields(fields.seen),
@@ -283,7 +285,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
+        (*remarks, *balance_remarks(balance, part.attempt.simulation.step), *truncated_stresses(model.scene),
+         *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),
     )  # fmt: skip

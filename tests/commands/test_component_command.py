@@ -79,6 +79,13 @@ def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None
     assert not output.exists()
 
 
+def test_sizes_of_effects_over_many_coordinates_are_refused_with_what_helps() -> None:
+    done = pgmp("check", PLATFORM, "--effects", status=2)
+    assert "for 2 rigid coordinates at most, but the scene has 3: first, second, third" in done.stderr
+    assert "take pgmp check without --effects" in done.stderr
+    pgmp("check", PLATFORM)
+
+
 def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:
     """Refused by name, on two ranks as on one."""
     text = PLATFORM.read_text()

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
 from pgmp_petsc.dynamics.drivers import Driver, LoopDriver, PetscDriver
+from pgmp_petsc.dynamics.first_accelerations import first_accelerations
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
@@ -394,10 +395,44 @@ def test_a_sample_that_fails_stays_where_it_was_and_the_others_go_on(spoil: obje
 def test_a_sample_that_does_not_converge_is_tried_three_times_and_then_given_up() -> None:
     system = two_masses(2, spoil=stall)
     done = run(system, 0.8, 0.1, duration=0.5)
-    # four fine steps, then one with both predictions, and with short corrections
+    # four fine steps, then one with both predictions, and with short corrections; the run begins with two more steps
     easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
     stalled = done.n_iterations - easy.n_iterations
-    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + easy.n_iterations // 8
+    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + easy.n_iterations // 12
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 0.99])
+def test_a_load_that_sets_in_at_once_on_a_light_mass_throws_it_no_further_than_it_would_swing(radius: float) -> None:
+    """The light mass swings between 0 and twice its static displacement; steps are a hundred of its periods long.
+
+    With A_0 = q''_0 it got 13 to 160 times the largest speed of that vibration.
+    """
+    frequency, step, seen = 2.0 * np.pi * 1e3, 0.1, []
+    light = LinearSystem(
+        mass=np.diag([1.0, 1.0 / frequency**2]),
+        damping=np.zeros((2, 2)),
+        stiffness=np.diag([1.0, 1.0]),
+        force=lambda time: np.array([1.0, 1.0]),
+        q=np.zeros((1, 2)),
+        v=np.zeros((1, 2)),
+    )
+    run(light, radius, step, observer=lambda _, __, state: seen.append(state.copy()))
+    assert max(abs(state.q[0, 1]) for state in seen) < 3.0
+    assert max(abs(state.v[0, 1]) for state in seen) < frequency
+    # the other mass: 1 - cos(t), of second order
+    np.testing.assert_allclose(seen[-1].q[0, 0], 1.0 - np.cos(1.0), rtol=0, atol=step**2)
+
+
+def test_a_sample_that_a_step_to_begin_with_is_too_much_for_begins_with_its_accelerations() -> None:
+    def refuse(time: float, state: State, size: np.ndarray) -> None:
+        if time < 0.1:  # the half step
+            size[1] = np.nan
+
+    asked = np.array([True, True, False])
+    found, _ = first_accelerations(two_masses(3, spoil=refuse), two_masses(3).start(), 0.1, asked)
+    start = two_masses(3).start().a
+    assert not np.array_equal(found[0], start[0])
+    np.testing.assert_array_equal(found[1:], start[1:])
 
 
 def test_the_second_prediction_may_save_a_step() -> None:

@@ -426,3 +426,53 @@ def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None
     assert (kept["crank"].recovery.answered, kept["rod"].recovery.answered) == (False, True)
     for name in ("crank", "rod"):
         assert identity(kept[name].recovery) == identity(rom.meshes[name].recovery)
+
+
+@pytest.mark.parametrize("modes", [1, 6])
+def test_few_component_modes_of_beams_have_the_section_forces_of_statics(modes: int) -> None:
+    """A slender cantilever in equilibrium under an oblique force at its tip: forces F and moments F (L - x).
+
+    What is left is what bends of second order, 1e-5. Of what stores 1e-5 of the energy forces in sections are made: the
+    shear force was 95 % off with one mode, and 18 % with six.
+    """
+    tall, wide = 0.8, 0.6  # shares of the force of 2 N
+    text = HEADER + f"""
+[bodies.bar]
+mesh = "0.0:0.6:8"
+element = "beam3d"
+material = "steel"
+section = {{ shape = "rectangle", width = 0.02, height = 0.006 }}
+orientation = [0.0, 0.0, 1.0]
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "bar:hinge"]
+axis = [0.0, 1.0, 0.0]
+[coordinates.theta]
+joint = "hinge"
+range = [-0.5, 0.5]
+[effects.hold]
+type = "prescribed_motion"
+coordinate = "theta"
+table = [[0.0, 0.0], [1.0, 0.0]]
+[effects.load]
+type = "force"
+point = "bar:tip"
+direction = [0.0, {wide}, {tall}]
+follows = true
+table = [[0.0, 2.0], [1.0, 2.0]]
+[initial]
+equilibrium = true
+[reduction]
+modes = {modes}
+[simulation]
+duration = 0.002
+step = 1e-3
+"""
+    expected = {
+        "shear_force_2": 2.0 * tall, "shear_force_3": -2.0 * wide,
+        "bending_moment_2": 2.0 * wide * 0.4, "bending_moment_3": 2.0 * tall * 0.4,
+    }  # fmt: skip
+    scene = scene_from_toml(text, ".", [asked(name, name, "at = [0.2, 0.0, 0.0]") for name in expected])
+    found = run(component_model(scene, {"bar": straight_beam(0.6, 8, 0.0, 3)}, MPI.COMM_SELF))
+    for name, value in expected.items():
+        assert found.outputs[name][-1] == pytest.approx(value, rel=1e-4), name
