@@ -1,7 +1,8 @@
 """Samples from a file: a table with a column for every uncertain parameter, as CSV or HDF5, SI units.
 
-CSV has the names in its first line, with or without the parameters' units, and commas between numbers. HDF5 has a data set (N,) for each parameter, at the top
-or in a group ``parameters``: any ensemble of this program is such a file, whose samples another model can so repeat.
+CSV has the names in its first line, with or without the parameters' units, and commas between numbers. HDF5 has a data
+set (N,) for each parameter, at the top or in a group ``parameters``: any ensemble of this program is such a file, whose
+samples another model can so repeat.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
 
 
 def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Return the columns of parameters, the number of each sample's line, and the names of columns that have no part."""
+    """Return the columns of parameters, the number of each sample's line, and the names of columns without a part."""
     with open(path, encoding="utf-8-sig", newline="") as stream:
         units = {name: parameter.unit for name, parameter in scene.parameters.items()}
         names, rows = csv_table(stream, f"{OPTION} {path}", units)

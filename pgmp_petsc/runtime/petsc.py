@@ -40,8 +40,8 @@ OF_PETSC = (
 # given to processes that belong to a run of several ranks, or may do so
 OF_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
 # Open MPI's settings for a process that is alone: no daemon, no networks, and no folder for messages through memory.
-# Open MPI gives all such processes of a user one and the same folder, and one that ends removes it from under those that
-# start just then
+# Open MPI gives all such processes of a user one and the same folder, and one that ends removes it from under those
+# that start just then
 ALONE = {
     "OMPI_MCA_ess_singleton_isolated": "1",
     "OMPI_MCA_orte_create_session_dirs": "0",

@@ -436,7 +436,9 @@ def test_few_component_modes_of_beams_have_the_section_forces_of_statics(modes: 
     shear force was 95 % off with one mode, and 18 % with six.
     """
     tall, wide = 0.8, 0.6  # shares of the force of 2 N
-    text = HEADER + f"""
+    text = (
+        HEADER
+        + f"""
 [bodies.bar]
 mesh = "0.0:0.6:8"
 element = "beam3d"
@@ -468,6 +470,7 @@ modes = {modes}
 duration = 0.002
 step = 1e-3
 """
+    )
     expected = {
         "shear_force_2": 2.0 * tall, "shear_force_3": -2.0 * wide,
         "bending_moment_2": 2.0 * wide * 0.4, "bending_moment_3": 2.0 * tall * 0.4,
