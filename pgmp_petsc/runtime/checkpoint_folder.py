@@ -83,7 +83,7 @@ class CheckpointFolder:
         Returns
         -------
         tuple of Remark
-            What of an older run was removed, or not taken up.
+            What of an older run was removed, or that there is nothing to take up.
 
         Raises
         ------
@@ -94,6 +94,8 @@ class CheckpointFolder:
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()
+        if resume and not (found and self.pieces()):
+            remarks = (note(f"--resume: no finished piece of a stopped run is in '{self.path}'; this run begins anew"),)
         if found is not None and resume:
             self._check(found)
             if any(found[key] != value for key, value in self._growing.items()):

@@ -122,9 +122,14 @@ def test_without_resume_it_starts_anew_and_says_so(plan: Plan) -> None:
     assert "held 2 finished piece(s) of a stopped run, which were removed: --resume" in str(*checkpoint.remarks)
 
 
-def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
-    assert again(plan) == set()
-    assert again(plan) == set()
+def test_resuming_without_a_finished_piece_starts_anew_and_says_so(plan: Plan) -> None:
+    for _ in ("no folder", "an empty one"):
+        checkpoint = taken_up(plan)
+        assert firsts(checkpoint) == set()
+        assert "--resume: no finished piece of a stopped run is in" in str(*checkpoint.remarks)
+    started(replace(plan, output=plan.output.with_name("f.h5")), 0)
+    checkpoint = taken_up(replace(plan, output=plan.output.with_name("f.h5")))
+    assert firsts(checkpoint) == {0} and checkpoint.remarks == ()
 
 
 @pytest.mark.parametrize(
