@@ -55,7 +55,8 @@ class DesignFigures:
     start, scale, limits
         Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
     narrowed
-        Spread of the samples and what it leaves of the limits, in words, by parameters whose limits it narrows.
+        Spread of the samples, what it leaves of the limits, and where the search begins if not where it was to, in
+        words, by parameters whose limits it narrows.
     n_samples
         Runs of every design.
     tried, goals
@@ -75,7 +76,7 @@ class DesignFigures:
         self.start = np.array([scene.values[name] for name in question.names])
         self.scale = np.where(self.start != 0.0, np.abs(self.start), np.ptp(self.limits, axis=1))
         self._offsets = self._drawn()
-        self.narrowed: dict[str, tuple[str, str]] = {}
+        self.narrowed: dict[str, tuple[str, str, str]] = {}
         self._make_room()
         self.n_samples = 1 if self._offsets is None else question.n_samples
         self.tried: list[np.ndarray] = []
@@ -100,14 +101,20 @@ class DesignFigures:
         if self._offsets is None:
             return
         scene = self._model.scene
-        for name, limits in zip(self._question.names, self.limits):
+        for name, start, limits in zip(self._question.names, self.start, self.limits):
             drawn, bounds, low, high = self._offsets[name], self._ends[name], *limits
             if bounds is not None:
                 low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
             elif name in scene.parameters_not_negative:
                 low = max(low, low - drawn.min())
             if (low, high) != tuple(limits):
-                self.narrowed[name] = f"from {drawn.min():+.4g} to {drawn.max():+.4g}", f"[{low:.6g}, {high:.6g}]"
+                began = (
+                    ""
+                    if low <= start <= high
+                    else f", from {np.clip(start, low, high):.6g} on and not from {start:.6g}"
+                )
+                spread = f"from {drawn.min():+.4g} to {drawn.max():+.4g}"
+                self.narrowed[name] = spread, f"[{low:.6g}, {high:.6g}]", began
             if low >= high:
                 raise InputError(
                     f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a "

@@ -113,7 +113,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     remarks = (
         *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
-        *_of_limits(question, figures, best),
+        *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures), *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
@@ -142,16 +142,15 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
 
 def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int], sizes: np.ndarray) -> list[Remark]:
     """Return how the search ended."""
-    remarks = [
-        note(
-            "the design is the nearest optimum from where the search began (--set); another start may find a better one"
-        )
-    ]
+    nearest = (
+        "the design is the nearest optimum from where the search began (--set); another start may find a better one"
+    )
+    remarks = [] if missed else [note(nearest)]
     for k in missed:
         remarks.append(
             warning(
                 f"'{question.constraints[k].text}' is missed by {last[1 + k].value:.4g}: no design between the limits "
-                "was found that meets all constraints; widen the limits, or ask for less"
+                "was found that meets all constraints; widen the limits, ask for less, or begin elsewhere (--set)"
             )
         )
     if done.status == DESCENT_ENDED and not missed:
@@ -177,6 +176,16 @@ def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> 
     return remarks
 
 
+def _of_idle(question: Question, *designs: Sequence[Dual]) -> list[Remark]:
+    """Return which parameters nothing depends on at designs."""
+    slopes = np.array([dual.slope for found in designs for dual in found])
+    return [
+        note(f"{name}: neither the goal nor a constraint depends on it, at the first and at the last design")
+        for name, column in zip(question.names, slopes.T)
+        if not column.any()
+    ]
+
+
 def _of_robust(question: Question, figures: DesignFigures) -> list[Remark]:
     """Return what robust figures are of."""
     if question.deviations is None:
@@ -191,8 +200,8 @@ def _of_robust(question: Question, figures: DesignFigures) -> list[Remark]:
         *(
             note(
                 f"{name}: its samples vary {spread} about the design and stay between its limits, so that the design "
-                f"was searched in {room} alone; wider bounds give it more room"
+                f"was searched in {room} alone{began}; wider bounds give it more room"
             )
-            for name, (spread, room) in figures.narrowed.items()
+            for name, (spread, room, began) in figures.narrowed.items()
         ),
     ]

@@ -87,6 +87,16 @@ def test_what_cannot_be_met_is_said(wound: ReducedModel) -> None:
     found = design_of(wound, "minimise push", "start(angle) >= 2")
     assert not found.converged
     assert any("is missed by" in remark.text and remark.kind == "warning" for remark in found.record.remarks)
+    assert not any("nearest optimum" in remark.text for remark in found.record.remarks)
+
+
+def test_a_parameter_that_nothing_depends_on_is_named(wound: ReducedModel) -> None:
+    found = design_of(wound, "minimise 3")
+    assert found.parameters[0].value == found.parameters[0].start
+    said = [remark.text for remark in found.record.remarks]
+    assert "push: neither the goal nor a constraint depends on it, at the first and at the last design" in said
+    said = [remark.text for remark in design_of(wound, "minimise start(angle)").record.remarks]
+    assert not any("depends on it" in text for text in said)
 
 
 def test_a_robust_design_keeps_its_distance(wound: ReducedModel) -> None:
@@ -115,7 +125,14 @@ def test_samples_keep_within_the_bounds(wound: ReducedModel) -> None:
     assert found.parameters[0].value == found.parameters[0].lower
     (told,) = [remark.text for remark in found.record.remarks if "its samples vary" in remark.text]
     assert told.startswith(f"push: its samples vary from {offsets.min():+.4g} to {offsets.max():+.4g} about the design")
-    assert f"searched in [{found.parameters[0].lower:.6g}, {found.parameters[0].upper:.6g}] alone" in told
+    assert f"searched in [{found.parameters[0].lower:.6g}, {found.parameters[0].upper:.6g}] alone;" in told
+
+
+def test_a_start_without_room_for_samples_is_moved_and_said(wound: ReducedModel) -> None:
+    away = ReducedModel(wound.scene.with_values({"push": 20.0}), wound.rom)
+    found = design_of(away, "minimise push", deviations=0.0, n_samples=8, seed=4)
+    (told,) = [remark.text for remark in found.record.remarks if "its samples vary" in remark.text]
+    assert f"alone, from {found.parameters[0].upper:.6g} on and not from 20; wider bounds" in told
 
 
 def test_limits_without_room_for_samples_are_refused(cantilever: ReducedModel) -> None:
