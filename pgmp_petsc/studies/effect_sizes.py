@@ -27,6 +27,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
@@ -46,6 +47,8 @@ N_INSTANTS = 16  # at which modes are computed
 DEFAULT_TOLERANCE = 1e-3
 SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
 STANDARD_GRAVITY = 9.81  # m/s2
+AT_REST = 1e-14  # of the energy that moves the mechanism by its own size within the run: less is round-off
+RESTS = "the mechanism rests, so that no energy is moved around"
 #: Effects that are what a scene is about; none is ever left out for being small.
 CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 #: Terms of the reduced model that the estimate can add or leave out.
@@ -81,9 +84,11 @@ def estimate_effects(
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes), branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
-    exchanged = run.balance.exchanged
-    sizes = [*_named(scene, run, tolerance), *_terms(scene, kinematics, run, tolerance)]
-    sizes += _unnamed(scene, run, tolerance)
+    # what moves a mechanism by its own size within the run
+    scale = run.mass * (size_of(kinematics.mechanism) / scene.simulation.duration) ** 2
+    exchanged = run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
+    sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, kinematics, run, tolerance)]
+    sizes += _unnamed(scene, run, exchanged, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
     return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes, tolerance)))
@@ -140,9 +145,9 @@ def present_terms(scene: Scene) -> dict[str, bool]:
     }
 
 
-def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
-    """Return the sizes of what acts by forces in the scene, by its work."""
-    exchanged, sizes = run.balance.exchanged, []
+def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> list[EffectSize]:
+    """Return the sizes of what acts by forces in the scene, by its work; not known where the mechanism rests."""
+    sizes = []
     for name, effect in scene.effects.items():
         if effect.type in TERMS:
             continue
@@ -154,9 +159,10 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
             sizes.append(EffectSize(name, effect.type, share, True, "of all masses"))
         else:
             work = sum((run.balance.work.get(part, np.zeros(1)) for part in parts_of(name, effect)), np.zeros(1))
-            share = float(np.max(np.abs(work))) / exchanged if exchanged else 0.0
-            keeps = share > tolerance or effect.type in CAUSES
-            sizes.append(EffectSize(name, effect.type, share, keeps, "its work, of the energy moved around"))
+            share = float(np.max(np.abs(work))) / exchanged if exchanged else np.nan
+            keeps = not share <= tolerance or effect.type in CAUSES
+            about = "its work, of the energy moved around" if exchanged else f"not known: {RESTS}"
+            sizes.append(EffectSize(name, effect.type, share, keeps, about))
     return sizes
 
 
@@ -242,16 +248,17 @@ def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
     return sorted({int(k) for k in (*even, *fastest)})
 
 
-def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
+def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> list[EffectSize]:
     """Return the sizes of effects that the scene does not have, or the numbers from which on they would matter."""
     here = {effect.type for effect in scene.effects.values()}
-    exchanged, joints = run.balance.exchanged, run.joints
-    sizes = []
-    if "gravity" not in here:
+    joints, sizes = run.joints, []
+    if "gravity" not in here and not exchanged:
+        sizes.append(EffectSize("", "gravity", np.nan, False, f"not known: {RESTS}"))
+    elif "gravity" not in here:
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         # in space no axis is the vertical one: the worst is told
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged if exchanged else np.inf
+        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged
         about = f"work of weights along -{'xyz'[axis]}, of the energy moved around"
         sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
     if exchanged and joints:

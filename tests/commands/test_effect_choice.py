@@ -49,6 +49,18 @@ def shares(sizes: EffectSizes) -> dict[str, float]:
     return {size.kind: size.share for size in sizes.sizes}
 
 
+def test_of_a_mechanism_at_rest_nothing_is_judged_by_its_work() -> None:
+    """What holds it still deforms it, whatever its work is beside round-off."""
+    held = 'hold={type="prescribed_motion",coordinate="theta",table=[[0.0,0.3],[1.0,0.3]]}'
+    load = 'load={type="torque",joint="elbow",table=[[0.0,1.0],[1.0,1.0]]}'
+    found = sizes_of(FOUR_BAR, f"effects={{{held},{load}}}")
+    assert found.exchanged == 0.0 and np.isnan([shares(found)[kind] for kind in ("torque", "gravity")]).all()
+    assert [size.kind for size in found.sizes if size.name and size.keeps] == ["prescribed_motion", "torque"]
+    assert not any(size.kind in ("joint_damping", "spring_damper") for size in found.sizes)
+    text = "\n".join(found.lines())
+    assert "0 J moved around" in text and "not known: the mechanism rests, so that no energy is moved around" in text
+
+
 def test_the_shares_of_a_spinning_beam_are_those_of_the_closed_form() -> None:
     # clamped: omega_1 = 3.516 sqrt(EI / (rho A L^4)); its stiffness grows by 1.193 Omega^2 with the spin Omega (the
     # flapwise frequency's), which is 6 rad/s at most
