@@ -11,6 +11,9 @@ therefore taken of steps that cannot overshoot,
 (Newmark's with beta = 1/2, gamma = 1). Where they resolve a motion, q''_1 = q''_0 + h q'''_0 + O(h^2); where not,
 it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
 q''_0 + O(h^2) of what is resolved, and next to nothing of the rest.
+
+So begin systems that say ``has_light_nodes``: those of all nodes. Modes of a reduced model hardly have such vibrations;
+it begins with q''_0, as its derivatives and its model in C do.
 """
 
 from __future__ import annotations

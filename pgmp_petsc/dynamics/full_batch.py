@@ -63,9 +63,12 @@ class FullBatch:
         Equal steps that one call is to take; see `AlphaStep`.
     instants_at_once
         States of a run whose frames and energies are best evaluated together.
+    has_light_nodes
+        See `first_accelerations`.
     """
 
     instants_at_once = 256
+    has_light_nodes = True
 
     def __init__(
         self,

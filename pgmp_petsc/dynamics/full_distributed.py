@@ -61,6 +61,7 @@ class FullDistributed:
 
     n_samples = 1
     instants_at_once = 1
+    has_light_nodes = True
 
     def __init__(
         self,

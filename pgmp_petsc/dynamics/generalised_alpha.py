@@ -152,7 +152,7 @@ class GeneralisedAlpha:
         self._n_at_once = getattr(system, "steps_at_once", 1)
         self._step = duration / n_steps
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
-        if not hasattr(system, "advance") and self._n_alive:
+        if getattr(system, "has_light_nodes", False) and self._n_alive:
             first = first_accelerations(system, self.state, self._step, self._alive)
             self._auxiliary, self._stepper.n_iterations = first
         self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)

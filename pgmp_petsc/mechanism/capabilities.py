@@ -199,7 +199,7 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:
         raise InputError(
-            f"pgmp check --effects: for {MOST_COORDINATES} rigid coordinates at most, but the scene has {n}: {names}; "
+            f"pgmp check --effects: {n} independent coordinates were given, {names}; at most {MOST_COORDINATES} are taken; "
             "take pgmp check without --effects"
         )
     if n > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:

@@ -81,7 +81,7 @@ def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None
 
 def test_sizes_of_effects_over_many_coordinates_are_refused_with_what_helps() -> None:
     done = pgmp("check", PLATFORM, "--effects", status=2)
-    assert "for 2 rigid coordinates at most, but the scene has 3: first, second, third" in done.stderr
+    assert "3 independent coordinates were given, first, second, third; at most 2 are taken" in done.stderr
     assert "take pgmp check without --effects" in done.stderr
     pgmp("check", PLATFORM)
 

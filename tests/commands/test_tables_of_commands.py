@@ -123,7 +123,7 @@ def test_results_of_a_program(tmp_path: Path) -> None:
         (("export", "run.h5", "-o", "x.csv", "--set", "r1=5e-3"), "are for the export of a reduced model"),
         (("export", "none.h5", "-o", "x.csv"), "does not exist"),
         (("schema", "-o", "x.toml"), "a schema is JSON for editors or a page in Markdown; name it"),
-        (("schema", "-o", ""), "output '.' is a directory; give the name of a file in it, FILE.json or FILE.md"),
+        (("schema", "-o", "."), "output '.' is a directory; give the name of a file in it, FILE.json or FILE.md"),
         (("schema", "-o", "/"), "output '/' is a directory"),
         (("new", "arm", "."), "scene file '.' is a directory; give the name of a file in it, FILE.toml"),
         (("schema", "-o", "mine.json"), "exists and is not a JSON schema of scenes of this program"),

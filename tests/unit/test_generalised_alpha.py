@@ -52,6 +52,7 @@ class LinearSystem:
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
     n_events: int = 0
     settled: None = None
+    has_light_nodes: bool = False
 
     @property
     def n_samples(self) -> int:
@@ -395,10 +396,10 @@ def test_a_sample_that_fails_stays_where_it_was_and_the_others_go_on(spoil: obje
 def test_a_sample_that_does_not_converge_is_tried_three_times_and_then_given_up() -> None:
     system = two_masses(2, spoil=stall)
     done = run(system, 0.8, 0.1, duration=0.5)
-    # four fine steps, then one with both predictions, and with short corrections; the run begins with two more steps
+    # four fine steps, then one with both predictions, and with short corrections
     easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
     stalled = done.n_iterations - easy.n_iterations
-    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + easy.n_iterations // 12
+    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + easy.n_iterations // 8
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 0.99])
@@ -415,6 +416,7 @@ def test_a_load_that_sets_in_at_once_on_a_light_mass_throws_it_no_further_than_i
         force=lambda time: np.array([1.0, 1.0]),
         q=np.zeros((1, 2)),
         v=np.zeros((1, 2)),
+        has_light_nodes=True,
     )
     run(light, radius, step, observer=lambda _, __, state: seen.append(state.copy()))
     assert max(abs(state.q[0, 1]) for state in seen) < 3.0
