@@ -199,8 +199,8 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:
         raise InputError(
-            f"pgmp check --effects: {n} independent coordinates were given, {names}; at most {MOST_COORDINATES} are taken; "
-            "take pgmp check without --effects"
+            f"pgmp check --effects: {n} independent coordinates were given, {names}; at most {MOST_COORDINATES} are "
+            "taken; take pgmp check without --effects"
         )
     if n > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:
         _refuse_count(scene, meshes)
