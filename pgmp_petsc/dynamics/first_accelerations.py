@@ -24,6 +24,9 @@ from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 
 
+LENGTHS = (0.5, 1.0)  # of a run's step
+
+
 class _ImplicitStep(AlphaStep):
     """Steps whose displacements and velocities follow from the accelerations at their ends alone."""
 
@@ -31,6 +34,11 @@ class _ImplicitStep(AlphaStep):
         """Return the coefficients for a step."""
         self._scheme, self._step = Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2), step
         return self._scheme
+
+
+def n_first_steps(system: SecondOrderSystem) -> int:
+    """Return the number of steps that the first accelerations of a system are taken of, beside those of a run."""
+    return len(LENGTHS) if getattr(system, "has_light_nodes", False) else 0
 
 
 def first_accelerations(
@@ -56,7 +64,7 @@ def first_accelerations(
         Newton corrections that they took, all samples together.
     """
     stepper, found, lost, ends = _ImplicitStep(system, 0.0), start.copy(), ~samples, []
-    for length in (0.5 * step, step):
+    for length in (share * step for share in LENGTHS):
         end, _, failed = stepper.advance(start, start.a, length, length, samples, for_good=False)
         ends.append(end.a)
         lost |= failed

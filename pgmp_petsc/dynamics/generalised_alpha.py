@@ -34,7 +34,7 @@ import numpy as np
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, AlphaStep
 from pgmp_petsc.dynamics.drivers import driver_here
 from pgmp_petsc.dynamics.event_location import EventLocation
-from pgmp_petsc.dynamics.first_accelerations import first_accelerations
+from pgmp_petsc.dynamics.first_accelerations import first_accelerations, n_first_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.dynamics.ts_options import PREFIX, check_ts_options
@@ -152,7 +152,7 @@ class GeneralisedAlpha:
         self._n_at_once = getattr(system, "steps_at_once", 1)
         self._step = duration / n_steps
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
-        if getattr(system, "has_light_nodes", False) and self._n_alive:
+        if n_first_steps(system) and self._n_alive:
             first = first_accelerations(system, self.state, self._step, self._alive)
             self._auxiliary, self._stepper.n_iterations = first
         self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)
