@@ -12,7 +12,7 @@ from pgmp_petsc.cli.options import PathName, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, counted
 
 
 @click.command()
@@ -68,5 +68,5 @@ def check(
     if context.obj.json:
         say_figures(context, on_root(context.obj.comm, found.summary) | ({"trial": found.trial} if trial else {}))
     if strict and found.scene.remarks:
-        n = len(found.scene.remarks)
-        raise InputError(f"{scene}: {n} warning{'s' if n > 1 else ''}, see above, and --strict takes none")
+        warnings = counted(len(found.scene.remarks), "warning")
+        raise InputError(f"{scene}: {warnings}, see above, and --strict takes none")

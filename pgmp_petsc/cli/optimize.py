@@ -16,7 +16,7 @@ from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.design import Design
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, RunError, counted
 from pgmp_petsc.runtime.remarks import Remark
 
 
@@ -88,9 +88,7 @@ def _reason(found: Design) -> str:
 
 def report(found: Design, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the table of a design, and all remarks."""
-    counts = (len(found.tried), "design"), (found.n_samples, "run")
-    designs, runs = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts)
-    lines = [f"{path}: {designs} of {runs} each"]
+    lines = [f"{path}: {counted(len(found.tried), 'design')} of {counted(found.n_samples, 'run')} each"]
     lines += [*design_lines(found), *remark_lines(found.record, said)]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
     return "\n".join(lines)

@@ -13,6 +13,7 @@ from pgmp_petsc.report.sources import Build
 from pgmp_petsc.report.verdict import MUCH_MORE
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.numbers import interval_text, number_text
+from pgmp_petsc.runtime.errors import counted
 from pgmp_petsc.runtime.files import RunRecord
 
 
@@ -86,4 +87,4 @@ def _seconds(record: RunRecord) -> str:
 def _remarks(record: RunRecord) -> str:
     """Return how many warnings a result has; the report has their texts."""
     n = sum(remark.kind == "warning" for remark in record.remarks)
-    return f"; {n} warning{'s' if n > 1 else ''}, see the report" if n else ""
+    return f"; {counted(n, 'warning')}, see the report" if n else ""

@@ -16,7 +16,7 @@ from pgmp_petsc.report.datum import sentence_case
 from pgmp_petsc.report.section import section_of
 from pgmp_petsc.report.sources import compact_json, read_sources
 from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.runtime.files import replacing
 
 
@@ -46,7 +46,7 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
         partial.write_text(text, encoding="utf-8", errors="replace")
     size = len(text.encode("utf-8", "replace")) / 1e6
     n_files = sum(map(len, scenes))
-    about = f"{n_files} file{'s' if n_files > 1 else ''}"
+    about = counted(n_files, "file")
     if len(scenes) > 1:
         about += f" of {len(scenes)} scenes, each in a section of its own"
     return [f"{output}: {about}, {size:.2g} MB", *lines]

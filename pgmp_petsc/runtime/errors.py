@@ -53,6 +53,11 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     return f"; known: {', '.join(known)}" if known else "; none is defined"
 
 
+def counted(n: int, what: str) -> str:
+    """Return a number of things for a message, of which the plural has an s: ``1 file``, ``2 files``."""
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
 def shortened(text: str, most: int = LONGEST_QUOTE) -> str:
     """Return a text for a message, cut if it is long, on one line."""
     text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")

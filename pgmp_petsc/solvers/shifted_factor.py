@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import RunError, counted
 from pgmp_petsc.runtime.matrices import solve_columns
 from pgmp_petsc.runtime.petsc import petsc_solver
 from pgmp_petsc.runtime.progress import announce
@@ -187,7 +187,7 @@ class ShiftedFactor:
         self._open_files()
         announce(
             f"{what}: the factor of {size} unknowns takes {needed:.2g} GB, more than it may have of the memory of "
-            f"{comm.size} rank{'s' if comm.size > 1 else ''}; it is kept in files in '{self._files.path}', "
+            f"{counted(comm.size, 'rank')}; it is kept in files in '{self._files.path}', "
             f"{1e-9 * self._files.free:.3g} GB free",
             comm.tompi4py(),
         )

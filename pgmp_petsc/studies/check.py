@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.load_parts import parts_of
 
@@ -188,7 +188,7 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
             "load term": sum(load.effect in parts_of(name, effect) for load in loads),
             "local force": sum(action.effect in parts_of(name, effect) for action in actions),
         }
-        adds = [f"{n} {what}{'s' if n != 1 else ''}" for what, n in counts.items() if n]
+        adds = [counted(n, what) for what, n in counts.items() if n]
         lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
     return lines
 

@@ -108,11 +108,8 @@ class DesignFigures:
             elif name in scene.parameters_not_negative:
                 low = max(low, low - drawn.min())
             if (low, high) != tuple(limits):
-                began = (
-                    ""
-                    if low <= start <= high
-                    else f", from {np.clip(start, low, high):.6g} on and not from {start:.6g}"
-                )
+                begins = np.clip(start, low, high)
+                began = "" if begins == start else f", from {begins:.6g} on and not from {start:.6g}"
                 spread = f"from {drawn.min():+.4g} to {drawn.max():+.4g}"
                 self.narrowed[name] = spread, f"[{low:.6g}, {high:.6g}]", began
             if low >= high:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scenes import HEADER, meshes_of
 
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.models import FullModel
@@ -12,16 +13,11 @@ from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.balance import balance_remarks
 from pgmp_petsc.studies.simulate import simulate_full
-from scenes import meshes_of
 
 # the rotation of a node vibrates with some 200 kHz (GA l / 4 over rho I l / 3), 200 periods a step
-ARM = """
-[scene]
-name = "arm"
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 7800.0
+ARM = (
+    HEADER
+    + """
 [bodies.arm]
 mesh = "0.0:0.5:5"
 element = "beam2d"
@@ -55,6 +51,7 @@ body = "arm"
 quantity = "bending_moment"
 at = [0.05, 0.0]
 """
+)
 
 
 @pytest.mark.parametrize("model", ["full", "components"])
