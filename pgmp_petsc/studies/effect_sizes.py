@@ -41,12 +41,12 @@ from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.load_parts import parts_of
+from pgmp_petsc.studies.plausibility.unit_systems import SI, unit_system
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
 DEFAULT_TOLERANCE = 1e-3
 SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
-STANDARD_GRAVITY = 9.81  # m/s2
 AT_REST = 1e-14  # of the energy that moves the mechanism by its own size within the run: less is round-off
 RESTS = "the mechanism rests, so that no energy is moved around"
 #: Effects that are what a scene is about; none is ever left out for being small.
@@ -258,7 +258,7 @@ def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) ->
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         # in space no axis is the vertical one: the worst is told
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged
+        share = (unit_system(scene) or SI).gravity * float(risen[axis]) / exchanged
         about = f"work of weights along -{'xyz'[axis]}, of the energy moved around"
         sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
     if exchanged:

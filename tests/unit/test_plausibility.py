@@ -12,6 +12,7 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.plausibility import plausibility
 from pgmp_petsc.studies.plausibility.bodies import bending_excess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -226,3 +227,63 @@ def test_warned(name: str) -> None:
 def test_shipped_scenes_make_sense(path: Path) -> None:
     assert tomllib.loads(path.read_text(encoding="utf-8"))
     assert read_scene(path, (), (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks == ()
+
+
+#: Steel, how long a rod of 0.7 m is, and the Earth's acceleration, in units that programs are fed with.
+SYSTEMS = {
+    "mm, t and s": (7.8e-9, 2.1e5, 700.0, 9810.0),
+    "mm, kg and ms": (7.8e-6, 210.0, 700.0, 9.81e-3),
+    "mm, kg and s": (7.8e-6, 2.1e8, 700.0, 9810.0),
+    "mm, g and ms": (7.8e-3, 2.1e5, 700.0, 9.81e-3),
+    "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
+    "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
+}
+
+
+def warnings_of(path: Path, changes: list[str]) -> list[str]:
+    """Return what is warned of a scene."""
+    scene, meshes = read_scene(path, changes, [], MPI.COMM_SELF, Purpose.CHECK)
+    return [remark.text for remark in plausibility(scene, meshes)]
+
+
+def in_units(system: str) -> list[str]:
+    """Return what makes a pendulum of steel of the slider-crank's scene in other units; without gravity."""
+    density, modulus, length, _ = SYSTEMS[system]
+    rod = f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '
+    return [
+        f"materials={{steel={{E={modulus}, nu=0.3, rho={density}}}}}", "parameters={}", "outputs={}",
+        f'{rod}section={{shape="circle", radius={length / 100}}}}}}}',
+        'joints={pin={type="revolute", connect=["ground:origin", "rod:hinge"]}}',
+        'coordinates={theta={joint="pin", range=[-3.0, 3.0]}}',
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_gravity_that_is_not_said_is_refused_in_other_units_than_si(system: str) -> None:
+    changes, earth = in_units(system), SYSTEMS[system][3]
+    with pytest.raises(InputError, match=r"^effects\.g\.acceleration: missing") as refused:
+        warnings_of(SCENE, [*changes, 'effects={g={type="gravity"}}'])
+    assert system in str(refused.value)
+    said = float(str(refused.value).split("say acceleration = ")[1].split(" ")[0])
+    assert said == pytest.approx(earth, rel=2e-3)
+    remarks = warnings_of(SCENE, [*changes, f'effects={{g={{type="gravity", acceleration={earth}}}}}'])
+    assert not any(text.startswith(("effects.g", "materials.")) for text in remarks)
+    assert sum(text.startswith("materials: they are in ") for text in remarks) == 1
+    # the value of SI units is not that of these
+    wrong = warnings_of(SCENE, [*changes, 'effects={g={type="gravity", acceleration=9.81}}'])
+    if not 0.05 < earth / 9.81 < 10.0:
+        assert any(text.startswith("effects.g.acceleration") for text in wrong)
+
+
+def test_numbers_with_a_unit_do_not_fit_materials_in_mm() -> None:
+    changes = in_units("mm, t and s")
+    changes[1] = 'parameters={c={nominal=7.0, unit="mm"}}'
+    changes.append('effects={d={type="joint_damping", joint="pin", coefficient=0.1}}')
+    changes[3] = changes[3].replace("radius=7.0", 'radius="c"')
+    assert any(text.startswith("parameters.c.unit") and "leave the unit out" in text
+               for text in warnings_of(SCENE, changes))  # fmt: skip
+
+
+def test_strange_materials_in_no_units_are_named_as_before() -> None:
+    remarks = warnings_of(SCENE, ["materials.steel.rho=1e12", 'effects.g={type="gravity"}'])
+    assert any(text.startswith("materials.steel.rho") for text in remarks)

@@ -20,6 +20,7 @@ from pgmp_petsc.studies.plausibility.motion import motion_findings
 from pgmp_petsc.studies.plausibility.parameters import parameter_findings
 from pgmp_petsc.studies.plausibility.settings import setting_findings, unused_findings
 from pgmp_petsc.studies.plausibility.stops import stop_findings
+from pgmp_petsc.studies.plausibility.unit_systems import SI, system_findings, unit_system
 
 
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
@@ -36,15 +37,16 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     InputError
         If entries cannot be meant, one line for each.
     """
-    sizes = sizes_of(scene, meshes or {})
+    sizes, system = sizes_of(scene, meshes or {}), unit_system(scene)
     findings = list(
         chain(
             parameter_findings(scene),
-            material_findings(scene),
+            material_findings(scene, system),
+            system_findings(scene, system),
             body_findings(scene, sizes),
             matrix_findings(scene, meshes or {}),
-            load_findings(scene, sizes),
-            motion_findings(scene, sizes),
+            load_findings(scene, sizes, system or SI),
+            motion_findings(scene, sizes, system or SI),
             setting_findings(scene, sizes),
             unused_findings(scene),
         )
