@@ -171,7 +171,8 @@ WARNED = {
     "overdamped by mass": (SCENE, ['effects.d={type="structural_damping", mass=1e6}'], "effects.d.mass", "critical"),
     "in a stop": (SCENE, [STOP + "lower=0.1}"], "effects.stop.lower", "0.1 rad beyond"),
     "few steps": (SCENE, ["simulation.step=0.2"], "simulation.step", "only 5 steps"),
-    "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "bends with about"),
+    "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "the first mode of the mechanism has"),
+    "coarse steps of cells": (SOLID, ["simulation.step=0.02"], "simulation.step", "between hinged ends"),
     "1e8 steps": (SCENE, ["simulation.step=1.1e-8"], "simulation.step", "steps to simulation.duration"),
     "fast start": (SCENE, ["simulation.initial.theta.velocity=1e5"], "simulation.initial.theta.velocity", "rad/s"),
     "many turns": (SCENE, ["simulation.initial.theta.position=10000.0"], "simulation.initial.theta.position",
@@ -287,3 +288,33 @@ def test_numbers_with_a_unit_do_not_fit_materials_in_mm() -> None:
 def test_strange_materials_in_no_units_are_named_as_before() -> None:
     remarks = warnings_of(SCENE, ["materials.steel.rho=1e12", 'effects.g={type="gravity"}'])
     assert any(text.startswith("materials.steel.rho") for text in remarks)
+
+
+def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> None:
+    """A blade that is held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far more so.
+
+    The clamped one has 3.516 sqrt(EI / (rho A L^4)), and with a mass m at its tip sqrt(3 EI / (L^3 (m + 0.2427 m_b))).
+    """
+    radius, length, step = 5e-3, 0.5, 0.05
+    rod = (
+        f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '
+        f'section={{shape="circle", radius={radius}}}}}}}'
+    )
+    blade = [
+        rod, 'materials={steel={E=210e9, nu=0.3, rho=7800.0}}', "parameters={}", "outputs={}",
+        'joints={pin={type="revolute", connect=["ground:origin", "rod:hinge"]}}',
+        'coordinates={theta={joint="pin", range=[-3.0, 3.0]}}', f"simulation.step={step}",
+    ]  # fmt: skip
+    drive = 'drive={type="prescribed_motion", coordinate="theta", constant_speed={speed=1.0}}'
+    mass = 7800.0 * np.pi * radius**2 * length
+    stiffness = 3.0 * 210e9 * np.pi / 4.0 * radius**4 / length**3
+    for effects, expected in (
+        (drive, 3.516 / np.sqrt(3.0) * np.sqrt(stiffness / mass) / (2.0 * np.pi)),
+        (f'{drive}, end={{type="point_mass", point="rod:tip", mass={mass}}}',
+         np.sqrt(stiffness / (1.2427 * mass)) / (2.0 * np.pi)),
+    ):  # fmt: skip
+        texts = warnings_of(SCENE, [*blade, f"effects={{{effects}}}"])
+        (said,) = (text for text in texts if text.startswith("simulation.step"))
+        assert float(said.split("the first mode of the mechanism has ")[1].split(" ")[0]) == pytest.approx(
+            expected, rel=0.02
+        )

@@ -13,6 +13,8 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d, Material
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
@@ -36,7 +38,8 @@ class Size:
         kg.
     frequency_hz
         First bending frequency as a beam with hinged ends, ``pi / 2 i c / length^2`` with the radius of gyration i of
-        the section and the speed c of waves, Hz; 0 for rigid bodies.
+        the section and the speed c of waves, Hz; 0 for rigid bodies. What is held otherwise, carries a mass or hangs
+        on another body may have a quarter of it: a finding asks `first_frequency`.
     """
 
     length: float
@@ -56,6 +59,27 @@ def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
             of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}[type(mesh)]
             sizes[name] = of(scene, body, mesh)
     return sizes
+
+
+def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
+    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz.
+
+    None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
+    """
+    from pgmp_petsc.mechanism.kinematics import RigidKinematics
+    from pgmp_petsc.mechanism.mechanism import Mechanism
+    from pgmp_petsc.models.model import start_of
+    from pgmp_petsc.modes.problem import ModalProblem
+
+    if set(meshes) != set(scene.bodies) or any(body.continuum for body in scene.bodies.values()):
+        return None
+    try:
+        kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+        with ModalProblem(kinematics, scene.values, 1, alone()) as problem:
+            modes = problem.solve(start_of(scene, kinematics.mechanism)[0])
+    except PgmpError:
+        return None
+    return math.sqrt(max(float(modes.eigenvalues[0]), 0.0)) / (2.0 * math.pi) or None
 
 
 def material_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:

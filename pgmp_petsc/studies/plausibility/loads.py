@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene import Scene
@@ -18,11 +18,15 @@ FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
 HEAVY = 1_000.0  # times the mass of all bodies
+SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 SHORTEST_STEPS = 1e-3  # steps that a stiff spring's or damper's time lasts
 
 
-def load_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
-    """Yield what is strange about effects."""
+def load_findings(
+    scene: Scene, sizes: Mapping[str, Size], system: UnitSystem, first: Callable[[], float | None]
+) -> Iterator[Finding]:
+    """Yield what is strange about effects; `first` returns the first frequency of the mechanism, Hz, if it can be
+    had."""
     mass = sum(size.mass for size in sizes.values())
     length = max((size.length for size in sizes.values()), default=0.0)
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
@@ -42,7 +46,7 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -
         elif isinstance(effect, (kinds.SpringDamper, kinds.EndStop)):
             yield from _spring(scene, entry, effect, mass, length, whole)
         elif isinstance(effect, kinds.StructuralDamping):
-            yield from _damping(scene, entry, effect, sizes)
+            yield from _damping(scene, entry, effect, sizes, first)
         elif isinstance(effect, kinds.JointDamping) and effect.coefficient == 0.0:
             yield doubt(f"{entry}.coefficient", f"makes {entry} zero; leave it out", 0.0)
         elif isinstance(effect, kinds.JointFriction) and effect.limit == 0.0:
@@ -146,7 +150,13 @@ def _spring(
         )
 
 
-def _damping(scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+def _damping(
+    scene: Scene,
+    entry: str,
+    effect: kinds.StructuralDamping,
+    sizes: Mapping[str, Size],
+    first: Callable[[], float | None],
+) -> Iterator[Finding]:
     found = [
         (name, sizes[name].frequency_hz)
         for name in effect.bodies or scene.bodies
@@ -154,15 +164,21 @@ def _damping(scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: M
     ]
     if not found:
         return
-    name, frequency = min(found, key=lambda pair: pair[1])
+    name, bending = min(found, key=lambda pair: pair[1])
     for key, ratio in (
-        ("stiffness", math.pi * frequency * effect.stiffness),
-        ("mass", effect.mass / (4.0 * math.pi * frequency)),
+        ("stiffness", lambda hz: math.pi * hz * effect.stiffness),
+        ("mass", lambda hz: effect.mass / (4.0 * math.pi * hz)),
     ):
-        if ratio > 1.0:
+        # what is held less than by hinges bends more slowly: its damping by mass is worse than it looks
+        if ratio(bending) <= (1.0 if key == "stiffness" else 1.0 / SLOWEST):
+            continue
+        frequency, what = first(), "the first mode of the mechanism, of"
+        if frequency is None:
+            frequency, what = bending, f"{name}, which between hinged ends bends with about"
+        if ratio(frequency) > 1.0:
             yield doubt(
                 f"{entry}.{key}",
-                f"damps {name}, which bends with about {frequency:.3g} Hz, with {ratio:.3g} times the critical damping",
+                f"damps {what} {frequency:.3g} Hz, with {ratio(frequency):.3g} times the critical damping",
                 getattr(effect, key),
             )
 
