@@ -106,10 +106,9 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         factor, unit = axis_unit("Pa", np.array([stress.largest]))
         largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
                         stress.path, stress.index)  # fmt: skip
-        at = f"in {stress.body} at {run.frames.time[stress.frame]:.4g} s, of the {len(run.frames.time)} frames kept"
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)
         doubt = "; it is that of the modes alone and may be far off" if lacking else ""
-        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, {at}{doubt}."]
+        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
 
 
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
