@@ -70,12 +70,14 @@ def headline_of_ensemble(path: Path) -> str:
     for chance in list(ensemble.probabilities.values())[:1]:
         ends = 100.0 * chance.interval
         known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
-        parts.append(f"P({chance.event}) {'is not known' if np.isnan(chance.estimate) else known}")
+        known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
+        parts.append(f"P({chance.event}) {known if chance.is_decided() else f'is {chance.doubt()}'}")
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]
             unit = ensemble.units.get(name, "1")
             mean = f"{number_text(s.mean, s.mean_interval, 7)} {interval_text(s.mean_interval)}"
+            mean = f"{s.mean:.7g}, constant" if s.constant else mean
             parts.append(f"mean {name} {mean}{'' if unit == '1' else ' ' + unit}")
     return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
 

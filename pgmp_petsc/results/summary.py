@@ -157,6 +157,11 @@ def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
                 "confidence": chance.confidence,
                 "count": chance.count,
                 "samples": chance.n,
+                "failed": chance.n_failed,
+                "decided": chance.is_decided(),
+                "decided_by": "" if chance.is_decided() else chance.decided_by,
+                "model_error": chance.model_error,
+                "holds_to": chance.holds_to,
             }
             for label, chance in ensemble.probabilities.items()
         },
@@ -210,6 +215,7 @@ def _statistics(s: Statistics) -> dict[str, Any]:
     quantiles = zip(s.probabilities, s.quantiles, s.quantile_intervals, s.quantile_bounds)
     return {
         "count": s.count,
+        "constant": s.constant,
         "confidence": s.confidence,
         "mean": s.mean,
         "mean_interval": s.mean_interval,
