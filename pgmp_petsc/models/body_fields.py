@@ -12,13 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet, Values
-from pgmp_petsc.models.stresses import Amplitudes, strains_of_beams
+from pgmp_petsc.models.stresses import Amplitudes, MissedStrains, strains_of_beams
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
@@ -96,7 +98,7 @@ class ReducedFields:
 
     def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
         self.seen, self._kinematics = seen, kinematics
-        self._amplitudes, self._nodes = {}, {}
+        self._amplitudes, self._nodes, self._missed = {}, {}, MissedStrains(kinematics, rom, scheme)
         for name, field in seen.points.items():
             body = kinematics.mechanism.bodies[field.number]
             if body.flexible:
@@ -112,9 +114,15 @@ class ReducedFields:
     def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for reduced coordinates (n, n_eta)."""
         poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
-        return {name: self._of(name, eta, poses[field.number], values) for name, field in self.seen.points.items()}
+        missed = self._missed.amplitudes(eta, values)
+        return {
+            name: self._of(name, eta, poses[field.number], missed.get(field.number), values)
+            for name, field in self.seen.points.items()
+        }
 
-    def _of(self, name: str, eta: np.ndarray, pose: np.ndarray, values: Mapping[str, float]) -> BodyValues:
+    def _of(
+        self, name: str, eta: np.ndarray, pose: np.ndarray, missed: np.ndarray | None, values: Mapping[str, float]
+    ) -> BodyValues:
         field, space = self.seen.points[name], self._kinematics.mechanism.space
         body = self._kinematics.mechanism.bodies[field.number]
         if not body.flexible:
@@ -123,9 +131,16 @@ class ReducedFields:
         y = amplitudes.of(eta)
         moved = mesh_displacements(body, y)
         places = placed(space, pose, undeformed(field) + moved[:, : space.dimension])
-        if amplitudes.curved and body.is_planar_beam:
-            return with_stresses(field, places, lambda points: strains_of_beams(body, points, y), values)
-        return with_stresses(field, places, lambda points: points.of_displacements(moved), values)
+        curved = amplitudes.curved and body.is_planar_beam
+        unmet = None if missed is None else mesh_displacements(body, missed)
+
+        def strains(points: SolidStrains | BeamStrains) -> np.ndarray:
+            found = strains_of_beams(body, points, y) if curved else points.of_displacements(moved)
+            if unmet is None:
+                return found
+            return found + self._missed.softening(field.stresses.law, points, values) * points.of_displacements(unmet)
+
+        return with_stresses(field, places, strains, values)
 
 
 def carried(space: Space, field: FieldPoints, body: Body, frame: np.ndarray) -> BodyValues:

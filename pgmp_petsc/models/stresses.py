@@ -7,6 +7,9 @@ eq. (4)). What modes leave out of the static answers to loads and inertia forces
 `reduction.static_modes` and `reduction.inertia_modes`, on bodies that are condensed with the answers to their own
 inertia forces.
 
+Away from the nominal parameters a basis misses of the forces what hardly bends; `reduction.missed_answers` has what is
+added to the strains.
+
 A reduced model of second order has beams with ``u = Psi delta + 1/2 chi delta delta``; their strains are taken in full
 there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 """
@@ -25,7 +28,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.stress import StressOutput, Values
+from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw, StressOutput, Values
+from pgmp_petsc.reduction.missed_answers import Missed
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 
@@ -83,18 +87,59 @@ class ReducedStresses:
             for number in {stress.body for stress in outputs.stresses}
         }
         self._linear = {s.name: linear_map(s, _by_node(self._bodies[s.body])) for s in outputs.stresses}
+        self._missed = MissedStrains(kinematics, rom, scene.reduction.interpolation)
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
         amplitudes = {number: shapes.of(eta) for number, shapes in self._amplitudes.items()}
-        rows = [self._of(stress, amplitudes[stress.body], values) for stress in self._stresses]
+        missed = self._missed.amplitudes(eta, values)
+        rows = [
+            self._of(stress, amplitudes[stress.body], missed.get(stress.body), values) for stress in self._stresses
+        ]
         return np.array(rows).reshape(len(rows), len(eta))
 
-    def _of(self, stress: StressOutput, y: np.ndarray, values: Values) -> np.ndarray:
-        body = self._bodies[stress.body]
-        if self._amplitudes[stress.body].curved and body.is_planar_beam:
-            return in_blocks(stress, lambda part: strains_of_beams(body, stress.points, y[:, part]), y, values)
-        return in_blocks(stress, lambda part: _times(self._linear[stress.name], y[:, part]), y, values)
+    def _of(self, stress: StressOutput, y: np.ndarray, missed: np.ndarray | None, values: Values) -> np.ndarray:
+        body, linear = self._bodies[stress.body], self._linear[stress.name]
+        curved = self._amplitudes[stress.body].curved and body.is_planar_beam
+
+        def strains(part: slice) -> np.ndarray:
+            found = strains_of_beams(body, stress.points, y[:, part]) if curved else _times(linear, y[:, part])
+            if missed is None:
+                return found
+            softening = self._missed.softening(stress.law, stress.points, values_of(values, part))
+            return found + softening * _times(linear, missed[:, part])
+
+        return in_blocks(stress, strains, y, values)
+
+
+class MissedStrains:
+    """What reduced states miss of the strains of bodies away from the nominal parameters.
+
+    Parameters
+    ----------
+    kinematics, rom, scheme
+        The mechanism's kinematics, the reduced model with its projection, and its interpolation.
+    """
+
+    def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
+        self._nominal, self._missed, self._rows = rom.record.parameters, None, {}
+        if rom.missed is not None:
+            self._missed = Missed(rom.missed, rom.tables, scheme)
+            for number, body in enumerate(kinematics.mechanism.bodies):
+                if np.isin(body.dofs, rom.missed.dofs).all():
+                    self._rows[number] = np.searchsorted(rom.missed.dofs, body.dofs)
+
+    def amplitudes(self, eta: np.ndarray, values: Values) -> dict[int, np.ndarray]:
+        """Return the unknowns of bodies that are missed, shape (n_dofs, n), by the number of the body, with the nominal
+        stiffness; nothing of bodies without stress outputs when the model was built."""
+        if self._missed is None:
+            return {}
+        found = self._missed.of(eta, values)
+        return {number: found[rows] for number, rows in self._rows.items()}
+
+    def softening(self, law: SolidLaw | BeamLaw, points: SolidStrains | BeamStrains, values: Values) -> np.ndarray:
+        """Return what makes of strains of points with the nominal stiffness those of the same forces at the values."""
+        return law.softening(points, self._nominal, values)
 
 
 class Amplitudes:

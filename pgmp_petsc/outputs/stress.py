@@ -44,10 +44,13 @@ class SolidLaw:
         Young's modulus (Pa) and Lame's constants over it of every material.
     profile
         What the modulus is multiplied by, cell by cell.
+    thickness
+        In plane stress, and what it is multiplied by, cell by cell.
     """
 
     materials: tuple[tuple[Quantity, Lame], ...]
     profile: Profile = Profile()
+    thickness: tuple[Quantity, Profile] = (Quantity(1.0), Profile())
 
     def values(
         self, quantities: Iterable[str], points: SolidStrains, strains: np.ndarray, parameters: Values
@@ -65,6 +68,18 @@ class SolidLaw:
             else principal(stresses, quantity == "principal_max")
             for quantity in quantities
         }
+
+    def softening(self, points: SolidStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
+        """Return how much larger strains are than at the nominal parameters for the same forces, shape (n_points, 1, 1
+        or n)."""
+        thickness, sizes = self.thickness
+        ratio = np.ones((points.material.size, 1)) * np.atleast_1d(thickness.at(nominal) / thickness.at(parameters))
+        of_materials = [np.atleast_1d(modulus.at(nominal) / modulus.at(parameters)) for modulus, _ in self.materials]
+        ratio = ratio * np.array(np.broadcast_arrays(*of_materials))[points.material]
+        for profile in (self.profile, sizes):
+            if profile:
+                ratio = ratio * (profile.at(nominal, points.of_cells) / profile.at(parameters, points.of_cells))
+        return ratio[:, None]
 
     def size(self, quantity: str, body: Body | SolidMesh, nominal: Mapping[str, float]) -> float:
         """Return the quantity for a strain of 1, at nominal parameters."""
@@ -105,6 +120,13 @@ class BeamLaw:
                 fibres = self._of_fibres(points, forces / resists, parameters)
             found[quantity] = outermost(*fibres, quantity == "stress_max")
         return found
+
+    def softening(self, points: BeamStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
+        """Return how much larger strains are than at the nominal parameters for the same forces, shape (n_points,
+        n_strains, 1 or n)."""
+        ratio = points.stiffnesses(nominal) / points.stiffnesses(parameters)
+        # behind the strains of the points are the shears in the middles of their elements
+        return np.concatenate([ratio, ratio[:, 1 : 3 if points.in_space else 2]], axis=1)
 
     def _of_fibres(self, points: BeamStrains, bent: np.ndarray, parameters: Values) -> tuple[np.ndarray, np.ndarray]:
         """Return the stress of the axial force and the largest one of bending, each of shape (n_points, n), for strains
@@ -227,7 +249,9 @@ def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | Bea
         used = (scene.materials[material] for material, _ in cells_of_materials(name, entry, carrier))
         plane = carrier.dimension == 2
         materials = tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used)
-        return SolidLaw(materials, profiles_of(scene, name, carrier).modulus)
+        profiles, thickness = profiles_of(scene, name, carrier), entry.thickness if plane else None
+        of_plane = (Quantity.of(1.0 if thickness is None else thickness), profiles.size)
+        return SolidLaw(materials, profiles.modulus, of_plane)
     if entry.material is None:
         return BeamLaw(None, None, False)
     modulus, section = Quantity.of(scene.materials[entry.material].E), entry.section

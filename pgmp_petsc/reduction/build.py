@@ -34,6 +34,7 @@ from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
+from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
@@ -45,6 +46,7 @@ from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.store import SampleStore
+from pgmp_petsc.reduction.tables import flipping_signs
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
@@ -55,6 +57,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 
@@ -165,6 +168,10 @@ def _built(
         if scene.second_order:
             with timings.phase("second order"):
                 basis = sampling.curve(store, basis, Manifold(problem, loads, static_loads, scene.static_stretching))
+        missed = None
+        if _forces_change(scene, mechanism):
+            with timings.phase("section forces"):
+                missed = sampling.missed(store, basis, static_loads)
     n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
     if joined is None:
@@ -196,7 +203,14 @@ def _built(
         points=points,
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
+        missed=missed,
     )
+
+
+def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
+    """Return whether stress outputs are asked for of bodies that parameters change."""
+    weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
+    return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights) and not length_names(scene)
 
 
 def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, ...]:
@@ -278,21 +292,56 @@ class _Sampling:
 
     def curve(self, store: SampleStore, basis: ContinuousBasis | None, manifold: Manifold) -> ContinuousBasis | None:
         """Add what is of second order to the finished basis (first rank; None elsewhere). Collective."""
+        gathered = self._at_samples(store, basis, "second order", manifold.at)
+        if gathered is None or basis is None:
+            return None
+        curvature = np.array([chi for chi, _ in gathered])
+        return basis.curved(store.samples, curvature, SecondOrderTables.joined([tables for _, tables in gathered]))
+
+    def missed(
+        self, store: SampleStore, basis: ContinuousBasis | None, static_loads: StaticLoads
+    ) -> MissedAnswers | None:
+        """Return what the finished basis misses of the answers to its loads (first rank; None elsewhere). Collective."""
+        problem, stressed = self.sampler.problem, stressed_bodies(self.scene)
+        dofs = np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed])
+
+        def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
+            weights, forces, answers = missed_answers_at(problem, static_loads, theta, sample, combination)
+            return answers.T, weights, forces
+
+        gathered = self._at_samples(store, basis, "section forces", at)
+        if gathered is None or basis is None:
+            return None
+        answers = np.array([columns[dofs].T for columns, _, _ in gathered])
+        found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
+        samples = store.samples
+        for axis in np.flatnonzero(basis.flipped.any(axis=1)):
+            found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+            samples = samples.over_two_turns(axis)
+        return found
+
+    def _at_samples(
+        self,
+        store: SampleStore,
+        basis: ContinuousBasis | None,
+        what: str,
+        at: Callable[[np.ndarray, Sample, np.ndarray], tuple],
+    ) -> list[tuple] | None:
+        """Return what is found at all samples of a finished basis, the rows of the first part of all ranks (first rank;
+        None elsewhere). Collective."""
         world, own, found = self.group.world, store.own(), {}
         combinations = world.bcast(None if basis is None else basis.combinations)
-        with agreed(world, "second order"), progress(len(own), "second order", world) as bar:
+        with agreed(world, what), progress(len(own), what, world) as bar:
             for place, sample in own.items():
-                chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
-                found[place] = self.sampler.problem.all_rows(chi), tables
+                rows, *others = at(store.samples.theta[place], sample, combinations[place])
+                found[place] = self.sampler.problem.all_rows(rows), *others
                 bar.update()
         if self.group.roots is None:
             return None
         parts = self.group.roots.gather(found)
         if basis is None:
             return None
-        ordered = [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
-        curvature = np.array([chi for chi, _ in ordered])
-        return basis.curved(store.samples, curvature, SecondOrderTables.joined([tables for _, tables in ordered]))
+        return [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
 
 
 def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:

@@ -16,6 +16,7 @@ from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.branch_files import put_branch, take_branch
@@ -74,6 +75,9 @@ class ReducedOrderModel:
         Where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere.
     stiffness_changes
         How loads change the stiffness of the modes; None with continuum bodies.
+    missed
+        What the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where
+        no parameter changes them, or lengths are parameters.
     family
         Models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones.
     """
@@ -91,6 +95,7 @@ class ReducedOrderModel:
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
     indefinite: str = ""
     stiffness_changes: StiffnessChanges | None = None
+    missed: MissedAnswers | None = None
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -99,7 +104,8 @@ class ReducedOrderModel:
         """Checksum of all that runs of the model depend on besides its scene."""
         if self.family is not None:
             return identity(*(member.identity for member in self.family.members))
-        return identity(self.tables, self.projection, self.meshes, self.curvature)
+        missed = () if self.missed is None else (self.missed,)
+        return identity(self.tables, self.projection, self.meshes, self.curvature, *missed)
 
     @property
     def n_parameter(self) -> int:
@@ -176,6 +182,8 @@ class ReducedOrderModel:
             about = "change of the modes' stiffness by unit loads and motions, (theta, mode, load)"
             put(group, "influence", changes.influence, "SI", about)
             put(group, "stiffness", changes.stiffness, "SI, weight taken out", "(theta, term, mode)")
+        if self.missed is not None:
+            _put_missed(file.create_group("missed"), self.missed)
         if self.points.values:
             points = file.create_group("parameter_points")
             about = "share of the energy missed at the worst parameters tried: at first, with each point more"
@@ -257,6 +265,7 @@ class ReducedOrderModel:
             points=_points(file),
             indefinite=str(file.attrs.get("indefinite", "")),
             stiffness_changes=_stiffness_changes(file, samples.n),
+            missed=_missed(file["missed"], tables) if with_projection and "missed" in file else None,
         )
 
 
@@ -361,6 +370,23 @@ def _put_second_order(group, tables: ReducedTables) -> None:
 
 def _second_order(group) -> SecondOrderTables:
     return SecondOrderTables(take(group, "cubic", 5), take(group, "curved_load", 4), take(group, "curved_inertia", 5))
+
+
+def _put_missed(group, missed: MissedAnswers) -> None:
+    _put_terms(group, "forces", missed.forces, missed.weights, "[d rho/d theta, Psi]^T L_i, L the loads answered")
+    put(group, "answers", missed.answers, "SI, weight taken out", "K^-1 [L_i, K_i Psi], (theta, vector, unknown)")
+    put(group, "unknowns", missed.dofs, "1", "numbers of the unknowns among those of the projection")
+
+
+def _missed(group, tables: ReducedTables) -> MissedAnswers:
+    forces, answers = take(group, "forces", 4), take(group, "answers", 3)
+    found = MissedAnswers(_weights(group["forces"]), take(group, "unknowns", 1), forces, answers)
+    n, m, (_, n_w, q, _) = tables.samples.n, tables.n_modes, forces.shape
+    shape = (n, n_w * q + tables.stiffness.shape[1] * m, found.dofs.size)
+    if found.forces.shape != (n, len(found.weights), q, q) or q < m or found.answers.shape != shape:
+        raise InputError(f"file '{group.file.filename}': the tables of missed answers do not fit; build it again")
+    _check_finite({"missed/forces": found.forces, "missed/answers": found.answers}, group.file.filename)
+    return found
 
 
 def _changes(group) -> ModeChanges:

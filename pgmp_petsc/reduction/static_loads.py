@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Patterns
 from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.modes.mode_set import ModeSet
@@ -86,6 +87,19 @@ class StaticLoads:
             moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
             parts.append(problem.times_mass(moving[:, self.accelerations]))
         return np.hstack(parts)
+
+    def terms_at(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
+        """Return the affine terms of the loads at a configuration by their weights, each of shape (n_local, n_loads);
+        of every mass term there is one."""
+        acting = np.hstack([self.patterns, _forces(problem, self.turning, modes.theta)])
+        moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)[:, self.accelerations]
+        everywhere, found = problem.all_rows(moving), {Monomial(): np.zeros((len(acting), self.accelerations.size))}
+        for weight, term in problem.matrices.mass.items():
+            found[weight] = term @ everywhere
+        return {
+            weight: np.hstack([acting if weight == Monomial() else np.zeros_like(acting), inertia])
+            for weight, inertia in found.items()
+        }
 
 
 def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarray) -> np.ndarray:

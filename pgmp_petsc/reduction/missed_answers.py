@@ -1,0 +1,185 @@
+"""What a basis misses of the static answers to its own loads away from the nominal parameters.
+
+Every flexible vector answers a load at the nominal parameters p0, ``K(p0) psi_j = l_j(p0)`` but for joint forces: a mode
+its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other parameters
+the answers to these loads are other vectors. A basis holds them well in the energy norm, and so what bends; of the
+little energy of stretching and shear, it may have 20 to 130 % too much or too little of the force, in sections of 10 %
+other radius. The answers with the nominal stiffness are known beforehand, so that what a reduced state misses is
+corrected as the loads are: with ``Psi^T L(p) g = K_r(p) delta``, the loads that the state is in equilibrium with, and
+rigid accelerations that balance these,
+
+    du = K(p0)^-1 (L(p) g - K(p) Psi delta),        forces and stresses:  D(p) S (Psi delta) + D(p0) S du,
+
+where S gives strains and D forces of strains. At p0 ``L = K Psi``, g = delta and du = 0. Where forces follow from
+equilibrium alone (statically determinate bodies and mechanisms), and in bodies all of whose stiffness has one factor,
+the forces are then those that balance the loads, at any p; elsewhere what is left is of second order in p - p0. It is
+the residual weighted with the answers to unit forces of the outputs (Becker and Rannacher 2001), which for statically
+determinate forces are their influence lines.
+
+Loads and stiffness are affine, so that forces and answers of every term are tables over the configurations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.mode_set import ModeSet
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.sampler import Sample
+from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
+
+
+@dataclass(frozen=True, eq=False)
+class MissedAnswers:
+    """Tables over n configurations of the loads L that q vectors answer: the free rigid motions, then those of the basis.
+
+    Attributes
+    ----------
+    weights
+        Monomials of the n_w terms of L.
+    dofs
+        Numbers of the unknowns whose answers are kept, shape (k,).
+    forces
+        ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q).
+    answers
+        ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
+        Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k).
+    """
+
+    weights: tuple[Monomial, ...]
+    dofs: np.ndarray
+    forces: np.ndarray
+    answers: np.ndarray
+
+    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> MissedAnswers:
+        """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
+        n, n_w, q, _ = self.forces.shape
+        ours = np.concatenate([np.ones(q - signs.size), signs])
+        rows = np.concatenate([np.tile(ours, n_w), np.tile(signs, self.answers.shape[1] // signs.size)])
+        rows = rows[: self.answers.shape[1], None]
+        return replace(
+            self,
+            forces=samples.twice(axis, self.forces, ours[:, None] * self.forces * ours),
+            answers=samples.twice(axis, self.answers, rows * self.answers),
+        )
+
+
+class Missed:
+    """What reduced states miss.
+
+    Parameters
+    ----------
+    found, tables, scheme
+        The tables of the basis, those of the model, and the interpolation over their configurations.
+    """
+
+    def __init__(self, found: MissedAnswers, tables: ReducedTables, scheme: str) -> None:
+        self._weights, self._stiffness_weights = found.weights, tables.stiffness_weights
+        self._n_theta = tables.n_coordinates
+        self._forces = interpolant(tables.samples, found.forces, scheme)
+        self._stiffness = interpolant(tables.samples, tables.stiffness, scheme)
+        self._answers = interpolant(tables.samples, found.answers, scheme)
+
+    def of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return du, shape (k, n), for reduced coordinates (n, n_eta); parameter values are numbers or of shape (n,)."""
+        n, theta, delta = len(eta), eta[:, : self._n_theta], eta[:, self._n_theta :]
+        loads, stiffness = (
+            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
+            for weights in (self._weights, self._stiffness_weights)
+        )
+        balance = np.einsum("nt,ntij->nij", loads, self._forces(theta))
+        q, m = balance.shape[1], delta.shape[1]
+        elastic = np.zeros((n, q))
+        elastic[:, q - m :] = np.einsum("nt,ntij,nj->ni", stiffness, self._stiffness(theta), delta, optimize=True)
+        known = np.isfinite(balance).all(axis=(1, 2)) & np.isfinite(elastic).all(axis=1)
+        shares = np.full((n, q), np.nan)
+        # rigid and flexible vectors have other units
+        scales = 1.0 / np.linalg.norm(balance[known], axis=1)
+        scaled = np.linalg.solve(balance[known] * scales[:, None], elastic[known][..., None])
+        shares[known] = scales * scaled[..., 0]
+        factors = (loads[:, :, None] * shares[:, None], -stiffness[:, :, None] * delta[:, None])
+        return self._answers.product(theta, np.hstack([part.reshape(n, -1) for part in factors])).T
+
+
+def missed_answers_at(
+    problem: ModalProblem, static_loads: StaticLoads, theta: np.ndarray, sample: Sample, combination: np.ndarray
+) -> tuple[tuple[Monomial, ...], np.ndarray, np.ndarray]:
+    """Return the weights, the forces and the answers, local columns (n_w q + n_stiffness_terms m, n_local), of one
+    configuration; see `MissedAnswers`. Collective on the problem's communicator.
+
+    Parameters
+    ----------
+    problem
+        At the nominal parameters.
+    static_loads
+        What static modes answer.
+    theta, sample, combination
+        As of `Manifold.at`.
+
+    Raises
+    ------
+    RunError
+        If the refinement of an answer does not converge.
+    """
+    modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
+    rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination
+    kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept :]
+    stiffness = [problem.matrices.stiffness[weight] for weight in problem.mechanism.stiffness_weights]
+    n_rigid, n = rigid.shape[1], rigid.shape[1] + shape.shape[1]
+    terms: dict[Monomial, np.ndarray] = {}
+    for weight, load in answered_terms(problem, modes, sample.kept[:, sample.n_modes :], static_loads).items():
+        terms[weight] = np.hstack([np.zeros((len(load), n_rigid)), load @ kept])
+    for weight, term in problem.matrices.mass.items():
+        terms[weight][:, :n_rigid] += term @ problem.all_rows(rigid)
+    if others.size:
+        # vectors of other parameters are no answers to loads that are known: they keep their own elastic forces
+        for weight, term in zip(problem.mechanism.stiffness_weights, stiffness):
+            own = terms.setdefault(weight, np.zeros((len(rigid), n)))
+            own[:, n_rigid:] += term @ problem.all_rows(others)
+    weights = tuple(sorted(terms))
+    loads = np.array([terms[weight] for weight in weights])
+    forces = problem.inner(np.hstack([rigid, shape]), loads)
+    everywhere = problem.all_rows(shape)
+    columns = np.hstack([*loads, *(term @ everywhere for term in stiffness)])
+    return weights, forces, problem.static_answers(rigid, columns, "answers at other parameters").T
+
+
+def answered_terms(
+    problem: ModalProblem, modes: ModeSet, static: np.ndarray, static_loads: StaticLoads
+) -> dict[Monomial, np.ndarray]:
+    """Return the loads that modes and static modes answer at the nominal parameters, in the terms by which they change;
+    their sum there is `CurvatureProblem.answered_loads`.
+
+    Parameters
+    ----------
+    static
+        Static modes, local rows, shape (n_local, n_static).
+
+    Returns
+    -------
+    dict
+        By weight, each of shape (n_local, n_modes + n_static).
+    """
+    kept, given = modes.eigenvectors, static_loads.terms_at(problem, modes)
+    flexible, everywhere = problem.all_rows(modes.flexible), problem.all_rows(kept)
+    nominal = {weight: float(weight.evaluate(problem.values)) for weight in given}
+    loads, m_kept = sum(nominal[weight] * part for weight, part in given.items()), problem.times_mass(kept)
+    coupling = np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
+    # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
+    stiffness = problem.inner(static, problem.times_stiffness(static))
+    among = np.linalg.solve(problem.inner(static, loads - m_kept @ coupling), stiffness)
+    found = {}
+    for weight, part in given.items():
+        term = problem.matrices.mass.get(weight)
+        inertia, balanced = np.zeros((len(part), modes.flexible.shape[1])), part
+        if term is not None:
+            inertia, balanced = modes.eigenvalues * (term @ flexible), part - (term @ everywhere) @ coupling
+        found[weight] = np.hstack([inertia, balanced @ among])
+    return found
