@@ -80,7 +80,7 @@ class EstimatedErrors:
     largest : dict of str to float
         Largest size of every output over the run, of which errors are a share.
     what : str
-        What these errors are of.
+        What these errors are of (attribute ``what`` of the group): `OF_REDUCED` or `OF_STEP`.
     """
 
     time: np.ndarray
@@ -105,6 +105,7 @@ class EstimatedErrors:
     def write(self, file: h5py.File, units: dict[str, str]) -> None:
         """Write the group."""
         group = file.create_group("errors", track_order=True)
+        group.attrs["what"] = self.what
         put(group, TIME, self.time, "s", "instants at which the errors are estimated")
         for name, values in self.outputs.items():
             words = f"estimated error of output '{name}', {self.what}"
@@ -123,4 +124,5 @@ class EstimatedErrors:
             time=take(group, TIME, 1),
             outputs={name: take(group, name, 1) for name in names},
             largest={name: float(group[name].attrs["largest"]) for name in names},
+            what=str(group.attrs.get("what", OF_REDUCED)),  # files of earlier versions have those of reduced runs
         )
