@@ -243,8 +243,10 @@ class _Job:
         def make(target: Path, resume: bool) -> str:
             with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
                 model, _ = settled(better.model, self.comm)
-                keeper.result(simulate_full(model, self.comm), self.path.parent)
-            return ""
+                data = simulate_full(model, self.comm)
+                keeper.result(data, self.path.parent)
+            why = self.comm.bcast("" if data is None else data.why_stopped)
+            return f"{why}; {target}, which the run is compared with, holds it up to there" if why else ""
 
         self._step("compare", BETTER, known, make, self._headline_of_comparison)
 

@@ -21,8 +21,7 @@ def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
     lines += remark_lines(ensemble.record, said)
-    if ensemble.validity:
-        lines += estimates.of_ensemble(ensemble)
+    lines += estimates.of_ensemble(ensemble)
     lines += estimates.of_balance(ensemble)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)

@@ -295,10 +295,11 @@ def _estimate_remarks(
     origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
-    scene = origin.scene
-    if origin.model != "reduced":
-        return origin.not_estimated
-    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
+    scene, remarks = origin.scene, [*origin.not_estimated]
+    why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
+    if origin.model == "reduced":
+        remarks += remarks_of(scene, estimates["validity"])
+        why = f"the full-order equations could not be solved about their motion; {comparing(scene)}"
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):
@@ -307,8 +308,7 @@ def _estimate_remarks(
         if unknown:
             remarks.append(
                 note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
-                    f"full-order equations could not be solved about their motion; {comparing(scene)}"
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: {why}"
                 )
             )
     return tuple(remarks)

@@ -12,7 +12,7 @@ from pgmp_petsc.figures.trajectories import Comparison
 from pgmp_petsc.report.datum import Datum, Sentence, in_words, share_text
 from pgmp_petsc.report.sources import Build, Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.errors import VALIDITY, limits_of
+from pgmp_petsc.results.errors import OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import percent
 from pgmp_petsc.results.statistics import DOUBT
 
@@ -93,7 +93,7 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
                 found = comparison.error_percent(name) if name in comparison.full.outputs else None
                 shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
                 at_end[name] = float("nan") if found is None else float(found[1][-1] / 100.0)
-            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, over the run"
+            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, {comparison.part}"
             alike = comparison.same_steps
             if alike:
                 how += ", with the same time step: what it does wrong in both alike does not show"
@@ -105,8 +105,8 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
 def _estimated(sources: Sequence[Source]) -> ModelError | None:
     """Return the estimate of the first run that has one."""
     for source in sources:
-        if isinstance(source.result, Trajectory) and source.result.errors is not None:
-            errors = source.result.errors
+        errors = source.result.errors if isinstance(source.result, Trajectory) else None
+        if errors is not None and errors.what != OF_STEP:
             shares = {name: errors.share(name) for name in errors.outputs}
             how = "estimated from residuals of the full-order equations, over the run; the time step's own is in it"
             datums = {
@@ -125,6 +125,7 @@ def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Li
     builds = [source.result for source in sources if isinstance(source.result, Build)]
     return [
         *_of_model(sources, error),
+        *_of_steps(sources),
         *_of_parts(builds),
         *_of_mesh(studies),
         *_of_sampling(sources),
@@ -166,6 +167,26 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
             )
+
+
+def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield what the time step does to outputs of full-order and component runs."""
+    for source, errors in step_errors(sources):
+        run = source.result
+        part = "" if errors.time[-1] >= run.time[-1] * (1.0 - 1e-9) else f", up to {errors.time[-1]:.4g} s only"
+        for name in errors.outputs:
+            share = errors.share(name)
+            size = [Datum(share, share_text(share), source.name, f"/errors/{name}@share")] if np.isfinite(share) else []
+            what = f"time step, {MODELS[run.model]}: {in_words(name)}"
+            yield Line(what, size, f"estimated from a run with a coarser step{part}")
+
+
+def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedErrors]]:
+    """Yield the runs that know the errors of their time step alone, and these."""
+    for source in sources:
+        errors = source.result.errors if isinstance(source.result, Trajectory) else None
+        if errors is not None and errors.what == OF_STEP:
+            yield source, errors
 
 
 def _largest_first(item: tuple[str, float]) -> float:

@@ -10,8 +10,8 @@ from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.report.bodies import stress_of
-from pgmp_petsc.report.budget import ModelError
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case
+from pgmp_petsc.report.budget import ModelError, step_errors
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case, share_text
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
@@ -34,6 +34,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
     sentences += _of_error(error, runs or ensembles, ensembles)
+    sentences += _of_time_steps(sources)
     sentences += _of_failures(ensembles, runs)
     return sentences
 
@@ -154,6 +155,18 @@ def _of_steps(measured: ModelError, known: ModelError) -> Iterator[Sentence]:
             " of it; the rest should be the time step's error in the run of the better model: a smaller "
             "simulation.step tells.",
         ]
+
+
+def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
+    """Yield what is known of the time step's error in full-order and component runs, where it is worth a sentence."""
+    for source, errors in step_errors(sources):
+        known = {name: errors.share(name) for name in errors.outputs}
+        known = {name: share for name, share in known.items() if np.isfinite(share)}
+        if known:
+            worst = max(known, key=known.__getitem__)
+            share = Datum(known[worst], share_text(known[worst]), source.name, f"/errors/{worst}@share")
+            model = MODELS[source.result.model]
+            yield [f"Error of the time step of the {model} run, estimated: ", share, f" of the largest {in_words(worst)}."]
 
 
 def _checked(source: Source) -> Iterator[str | Datum]:

@@ -116,6 +116,7 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "kind": "trajectory",
         "model": run.model,
         "status": run.status,
+        "why_stopped": run.why_stopped or None,
         "end_time": run.time[-1],
         "steps": len(run.time) - 1,
         "steps_divided": run.steps_divided,
@@ -123,6 +124,8 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "errors": None
         if errors is None
         else {name: {"maximum": errors.maximum(name), "share": errors.share(name)} for name in errors.outputs},
+        "errors_of": None if errors is None else errors.what,
+        "errors_until": None if errors is None else errors.time[-1],
         "validity": run.validity,
         "balance": None
         if balance is None
