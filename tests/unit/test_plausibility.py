@@ -253,6 +253,20 @@ SYSTEMS = {
 }
 
 
+def test_what_is_said_of_many_bodies_is_said_once() -> None:
+    """Fifteen short bodies of a rigid assembly are one warning, with their count; two are two."""
+    piece = (
+        'bodies.piece{}={{line={{length={}, elements=1}}, element="beam2d", material="steel", flexible=false, '
+        'section={{shape="circle", radius=0.02}}}}'
+    )
+    weld = 'joints.weld{}={{type="fixed", connect=["rod:tip", "piece{}:hinge"]}}'
+    for n, warned in ((15, 1), (2, 2)):
+        pieces = [piece.format(k, 0.01 + 1e-3 * k) for k in range(n)] + [weld.format(k, k) for k in range(n)]
+        said = [text for text in warnings_of(SCENE, pieces) if "thick and" in text]
+        assert len(said) == warned
+        assert ("The same of 14 others: bodies.piece1.section.radius" in said[0]) == (n == 15)
+
+
 def warnings_of(path: Path, changes: list[str]) -> list[str]:
     """Return what is warned of a scene."""
     scene, meshes = read_scene(path, changes, [], MPI.COMM_SELF, Purpose.CHECK)
