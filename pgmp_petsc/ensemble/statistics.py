@@ -9,10 +9,12 @@ import numpy as np
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.statistics import Statistics
 
+MOST_BINS = 200
+
 
 def describe(
     values: np.ndarray,
-    bins: int,
+    bins: int | None,
     probabilities: Sequence[float],
     n_missing: int = 0,
     confidence: float = 0.95,
@@ -30,7 +32,7 @@ def describe(
     values
         Shape (N,), all finite; an empty sample gives NaN and no bins.
     bins
-        Number of equal bins of the density over the sample's range.
+        Number of equal bins of the density over the sample's range; None for as many as the sample tells.
     probabilities
         Of the quantiles.
     n_missing
@@ -116,10 +118,18 @@ def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: in
     return bounds
 
 
-def _density(values: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return density and edges; a sample without spread gets one bin's width from its own size."""
+def _density(values: np.ndarray, bins: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return density and edges; a sample without spread gets one bin's width from its own size.
+
+    Without a number of bins it is the larger one of Freedman and Diaconis's, of the width ``2 IQR / n^(1/3)``, and
+    Sturges's ``1 + log2(n)``, up to `MOST_BINS`, as heavy tails have bins without number.
+    """
     lowest, highest = float(values.min()), float(values.max())
     if not highest - lowest > 1e-12 * max(abs(lowest), abs(highest)):
         margin = max(abs(lowest), 1.0) * 1e-6
         lowest, highest = lowest - margin, highest + margin
+    if bins is None:
+        low, high = np.quantile(values, (0.25, 0.75))
+        by_width = (highest - lowest) * values.size ** (1.0 / 3.0) / (2.0 * (high - low)) if high > low else 0.0
+        bins = int(np.ceil(np.clip(max(by_width, 1.0 + np.log2(values.size)), 1, MOST_BINS)))
     return np.histogram(values, bins=bins, range=(lowest, highest), density=True)

@@ -315,7 +315,7 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
     charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
     verdict = words(next(with_class(tree, "verdict")))
-    assert re.search(r"Estimated model error at most [\d.]+ mrad \(crank angle\), ", verdict)
+    assert re.search(r"Estimated model error at most [\d.]+ rad \(crank angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
 
 
