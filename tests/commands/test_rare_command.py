@@ -50,7 +50,7 @@ def test_the_probability_is_that_of_the_samples_and_the_terminal_says_it(
     found: tuple[RareEvent, str], model: ReducedModel
 ) -> None:
     event, said = found
-    assert "crank_angle above 0.0024 rad at the end" in said and f"{event.estimate:.4g} [" in said
+    assert "crank_angle above 2.4 mrad at the end" in said and f"{event.estimate:.4g} [" in said
     assert "another --seed looks again" in said
     weighted = event.weight > 0.0
     inside = event.value > 2.4e-3
