@@ -10,10 +10,10 @@ import numpy as np
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
+from pgmp_petsc.results.numbers import axis_unit
 from pgmp_petsc.results.numbers import interval_text as _interval
 from pgmp_petsc.results.numbers import number_text as _number
 from pgmp_petsc.results.numbers import percent as _percent
-from pgmp_petsc.results.statistics import Statistics
 from pgmp_petsc.runtime.remarks import Remark
 
 
@@ -59,11 +59,12 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
     yield f"  {'':24s}{'mean':>14s} {interval:26s}{'deviation':>12s} {interval:26s}{'samples':>9s}"
     for name, s in ensemble.statistics.items():
         title = f"{name}: first passage" if name in ensemble.first_passages else name
-        mean = f"{_number(s.mean, s.mean_interval, 7):>14s} {_interval(s.mean_interval):26s}"
-        std = f"{_number(s.std, s.std_interval, 6):>12s} {_interval(s.std_interval):26s}"
+        factor, unit = _unit(ensemble, name)
+        mean = f"{_number(factor * s.mean, factor * s.mean_interval, 7):>14s} {_interval(factor * s.mean_interval):26s}"
+        std = f"{_number(factor * s.std, factor * s.std_interval, 6):>12s} {_interval(factor * s.std_interval):26s}"
         if s.constant:
-            mean, std = f"{s.mean:14.7g} {'':26s}", f"{'constant':>12s} {'':26s}"
-        yield f"  {title:24s}{mean}{std}{s.count:9d} {_unit(ensemble, name)}".rstrip()
+            mean, std = f"{factor * s.mean:14.7g} {'':26s}", f"{'constant':>12s} {'':26s}"
+        yield f"  {title:24s}{mean}{std}{s.count:9d} {unit}".rstrip()
 
 
 def _quantiles(ensemble: Ensemble) -> Iterator[str]:
@@ -74,9 +75,11 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
     if known:
         yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:
+        factor, unit = _unit(ensemble, name)
         for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
-            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {_unit(ensemble, name)}"
-            bounds = f"; whatever the failed ones would have been {_bounds(s, k)}" if failed else ""
+            quantile, ends = factor * quantile, factor * ends
+            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {unit}"
+            bounds = f"; whatever the failed ones would have been {_bounds(factor * s.quantile_bounds[k])}" if failed else ""
             yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
 
 
@@ -111,9 +114,10 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
         yield f"  {f'{best}: {title}':32s}{'':>6s} {interval:32s}{beside}".rstrip()
         for name, one in having.items():
             figure = one.figures[key]
-            shown = f"{_number(figure.estimate, figure.interval, 7):>14s} {_interval(figure.interval):26s}"
+            factor, unit = (1.0, "") if key == "estimate" else _unit(ensemble, name)
+            estimate, ends = factor * figure.estimate, factor * figure.interval
+            shown = f"{_number(estimate, ends, 7):>14s} {_interval(ends):26s}"
             times = "" if np.isnan(figure.narrower) else _times(figure.narrower)
-            unit = "" if key == "estimate" else _unit(ensemble, name)
             yield f"  {name:24s}{shown}{unit:6s}{times}".rstrip()
 
 
@@ -126,14 +130,16 @@ def _fixed(ends: np.ndarray) -> str:
     return f"[{ends[0]:.3f}, {ends[1]:.3f}]"
 
 
-def _bounds(s: Statistics, k: int) -> str:
+def _bounds(ends: np.ndarray) -> str:
     """Return between what a quantile of all samples lies."""
-    low, high = s.quantile_bounds[k]
+    low, high = ends
     lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
     upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
     return f"{lower}, {upper}"
 
 
-def _unit(ensemble: Ensemble, name: str) -> str:
-    unit = ensemble.units.get(name, "1")
-    return "" if unit == "1" else unit
+def _unit(ensemble: Ensemble, name: str) -> tuple[float, str]:
+    """Return the unit that a quantity is read in, and how many of it the file's is; the same in all tables."""
+    s = ensemble.statistics.get(name)
+    factor, unit = axis_unit(ensemble.units.get(name, "1"), *(() if s is None or not s.count else (s.quantiles,)))
+    return factor, "" if unit == "1" else unit

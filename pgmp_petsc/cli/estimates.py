@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.results import Ensemble, EstimatedErrors
 from pgmp_petsc.results.errors import OF_STEP
+from pgmp_petsc.results.numbers import axis_unit, plain, share_text
 
 #: How the values of `VALIDITY` are written; those that are not known are left out.
 WRITTEN = {
@@ -36,7 +37,10 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
         what = "the reduction and the time step" if ensemble.model == "reduced" else "the time step"
         lines.append(f"  estimated errors over the run, of {what}; {n_checked} samples: median, largest")
         for name, known in found.items():
-            lines.append(f"  {name:24s}{np.median(known):14.2g}{np.max(known):14.2g} {ensemble.units[name]}")
+            s = ensemble.statistics.get(name)
+            factor, unit = axis_unit(ensemble.units[name], known if s is None or not s.count else s.quantiles)
+            median, most = (f"{plain(factor * value):>14s}" for value in (np.median(known), np.max(known)))
+            lines.append(f"  {name:24s}{median}{most} {unit}")
     worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}
     return [*lines, of_validity(worst)] if worst else lines
 
@@ -57,11 +61,11 @@ def of_balance(ensemble: Ensemble) -> list[str]:
     known = np.flatnonzero(np.isfinite(residual) & (exchanged > 0.0))
     if not known.size:
         return ["  balance of energy: no sample is fine and moves any energy"]
-    shares = 100.0 * residual[known] / exchanged[known]
+    shares = residual[known] / exchanged[known]
     worst = int(known[np.argmax(shares)])
     return [
-        f"  balance of energy: residual {np.median(shares):.2g} % of what is moved around in the median, "
-        f"{shares.max():.2g} % at most (sample {worst})"
+        f"  balance of energy: residual {share_text(np.median(shares))} of what is moved around in the median, "
+        f"{share_text(shares.max())} at most (sample {worst})"
     ]
 
 
@@ -74,7 +78,8 @@ def of_validity(validity: Mapping[str, float]) -> str:
 def _error(maximum: float, share: float, unit: str) -> str:
     if not np.isfinite(maximum):
         return "          no estimate: the full-order equations could not be solved about this motion"
-    relative = f" ({100 * share:.2g} % of its largest value)" if share <= 1.0 else ""
+    relative = f" ({share_text(share)} of its largest value)" if share <= 1.0 else ""
+    factor, shown = axis_unit(unit, np.array([maximum / share if 0.0 < share <= 1.0 else maximum]))
     if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all
-        relative = f" (its largest value is {maximum / share:.2g} {unit})"
-    return f"{maximum:16.2g} {unit}{relative}"
+        relative = f" (its largest value is {plain(factor * maximum / share)} {shown})"
+    return f"{plain(factor * maximum):>16s} {shown}{relative}"

@@ -11,7 +11,10 @@ from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.remarks import Remark
+
+NOTHING = 1e-9  # share of what a constraint had at the start
 
 
 def lines_of_file(path: Path, kind: str) -> list[str]:
@@ -69,7 +72,7 @@ def fit_lines(found: Fit) -> Iterator[str]:
     """Yield the parameters with their standard errors, their correlations, and the noise of the outputs."""
     yield f"  {'':24s}{'estimate':>14s}{'standard error':>18s}{'':12s}{'began at':>14s}  searched in"
     for p in found.parameters:
-        share = f"({100 * p.error / abs(p.estimate):.2g} %)" if np.isfinite(p.error) and p.estimate else ""
+        share = f"({share_text(p.error / abs(p.estimate))})" if np.isfinite(p.error) and p.estimate else ""
         limits = f"[{p.lower:.5g}, {p.upper:.5g}]{_behind(p.unit)}"
         error = f"{p.error:18.3g}" if np.isfinite(p.error) else f"{'not identifiable':>18s}"
         yield f"  {p.name:24s}{p.estimate:14.7g}{error}{share:>12s}{p.start:14.5g}  {limits}".rstrip()
@@ -91,7 +94,9 @@ def design_lines(found: Design) -> Iterator[str]:
     yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{robust}"
     for constraint in found.constraints:
         how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
-        begun, now = (f"{value:+14.4g}" for value in (constraint.start, constraint.value))
+        # of what is just met nothing but round-off is left
+        left = 0.0 if constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start) else constraint.value
+        begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in (constraint.start, left))
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:
         yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{_behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"

@@ -25,6 +25,7 @@ from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
+from pgmp_petsc.runtime.progress import beating
 from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
     """
     comm = session.comm
     try:
-        with _standard_output(comm) as output:
+        with beating(comm, "--quiet" in arguments), _standard_output(comm) as output:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
         # a reader of the output that has gone (`pgmp ... | head`) wants no more of it; the files are written
         if output is not None and output.failure is not None and not isinstance(output.failure, BrokenPipeError):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def _probability(result: RareEvent) -> Iterator[str]:
     n_weighted = int(np.count_nonzero(result.weight))
     yield (
         f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], a {100 * result.confidence:g} % "
-        f"interval; coefficient of variation {100 * result.variation:.2g} %"
+        f"interval; coefficient of variation {share_text(result.variation)}"
     )
     plain = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
     yield (

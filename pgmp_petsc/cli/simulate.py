@@ -15,6 +15,7 @@ from pgmp_petsc.cli.models import model_of, model_options, one_model
 from pgmp_petsc.cli.options import PathName, output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form
 from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.results.numbers import axis_unit
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.remarks import Remark
 
@@ -53,7 +54,8 @@ def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> s
     """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
     for name, values in trajectory.outputs.items():
-        lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
+        factor, unit = axis_unit(trajectory.units[name], values)
+        lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
     if trajectory.errors is not None:
         lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
     if trajectory.validity:

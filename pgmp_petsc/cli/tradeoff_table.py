@@ -6,6 +6,7 @@ import textwrap
 
 import numpy as np
 
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
 
 WIDTH = 118
@@ -97,7 +98,7 @@ def _failures(study: Tradeoff) -> list[str]:
 
 
 def _errors(study: Tradeoff, errors: np.ndarray) -> str:
-    return ", ".join(f"{name} {100 * error:.2g} %" for name, error in zip(study.outputs, errors))
+    return ", ".join(f"{name} {share_text(error)}" for name, error in zip(study.outputs, errors))
 
 
 def _wrapped(advice: str) -> list[str]:

@@ -138,7 +138,7 @@ class GeneralisedAlpha:
         alive: np.ndarray,
         stops: np.ndarray,
         observer: Observer | None,
-        pulse: Callable[[], object] | None,
+        pulse: Callable[[float], object] | None,
     ) -> None:
         self.system = system
         self.state = system.start()
@@ -182,7 +182,7 @@ class GeneralisedAlpha:
                 number += self._advance_far(number, last) or self._advance_one_step(number)
         self.n_done = last
         if self._pulse is not None:
-            self._pulse()
+            self._pulse(last / (self.instants.size - 1))
 
     def _advance_far(self, number: int, last: int) -> int:
         """Advance all living samples by the steps that the system takes in one call; return how many that are."""
@@ -362,7 +362,7 @@ def integrate(
     alive: np.ndarray | None = None,
     observer: Observer | None = None,
     prefix: str = PREFIX,
-    pulse: Callable[[], object] | None = None,
+    pulse: Callable[[float], object] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
@@ -379,7 +379,8 @@ def integrate(
     prefix
         Of the options that reach this integration.
     pulse
-        Called at every step of the driver, which may be many of the integrator's.
+        Called at every step of the driver, which may be many of the integrator's, with the share of all steps that are
+        behind it.
 
     Raises
     ------

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.results.ensemble import DESCRIBED
+from pgmp_petsc.results.numbers import with_unit
 from pgmp_petsc.scene.ensemble import Event
 
 Columns = Mapping[str, np.ndarray]
@@ -40,7 +41,7 @@ def in_words(event: Event, unit: str) -> str:
     """Return what comes true: ``angle above 3 rad at the end``."""
     side = "above" if event.above is not None else "below"
     when = "at the end" if event.when == "end" else "at any time"
-    return f"{event.output} {side} {event.level:g}{'' if unit == '1' else f' {unit}'} {when}"
+    return f"{event.output} {side} {with_unit(event.level, unit, 6)} {when}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, v
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
+from pgmp_petsc.results.numbers import with_unit
 from pgmp_petsc.results.rare_event import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, shortened
@@ -114,7 +115,7 @@ def words_of(event: Event, unit: str) -> str:
     """Return an event in words."""
     side = "above" if event.above is not None else "below"
     when = "at the end" if event.when == "end" else "at any time"
-    return f"{event.output} {side} {event.level:g} {'' if unit == '1' else f'{unit} '}{when}"
+    return f"{event.output} {side} {with_unit(event.level, unit, 6)} {when}"
 
 
 class _Runs:

@@ -8,7 +8,7 @@ and sample number alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -107,9 +107,16 @@ class Integration:
             def work(number: int, pulse: Pulse) -> Batch:
                 piece = dealt[number]
                 watchers, values = self._watching.of(piece), self.sampler.draw(piece.first, piece.last)
-                return run_batch(model, values, piece.first, watchers, group.comm, pulse, self._divisors)
+                counted = sum(part.last - part.first for part in piece.parts if not part.is_checked)
+
+                def beat(share: float) -> None:
+                    bar.within(share * counted * group.count)  # others are about as far with theirs
+                    pulse()
+
+                return run_batch(model, values, piece.first, watchers, group.comm, beat, self._divisors)
 
             def take(number: int, batch: Batch) -> None:
+                bar.within(0.0)
                 for part in dealt[number].parts:
                     self.checkpoint.add(part, batch)
                     bar.update(0 if part.is_checked else len(batch.status))
@@ -244,13 +251,13 @@ def run_batch(
     first: int = 0,
     watchers: Sequence[Watcher] = (),
     comm: MPI.Comm | None = None,
-    pulse: Pulse | None = None,
+    pulse: Callable[[float], object] | None = None,
     divisors: tuple[int, ...] = DIVISORS,
 ) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
-    nothing is known. `pulse` is called now and then, `divisors` are those of the steps that are tried. Collective on
+    nothing is known. `pulse` is called now and then with the share of the steps that are done, `divisors` are those of the steps that are tried. Collective on
     `comm`.
     """
     scene, comm = model.scene, comm or alone()

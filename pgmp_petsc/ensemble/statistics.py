@@ -10,6 +10,7 @@ import numpy as np
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.statistics import Statistics
 
+MOST_BINS = 200
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same in all samples
 # Kurtosis from that of a normal law on, at which the interval of independent values has a part in that of replicates.
 # Replicates share the outermost slices of the parameters, so that what heavy tails do there hardly differs between them
@@ -24,7 +25,7 @@ def is_constant(values: np.ndarray, size: float = 0.0) -> bool:
 
 def describe(
     values: np.ndarray,
-    bins: int,
+    bins: int | None,
     probabilities: Sequence[float],
     n_missing: int = 0,
     confidence: float = 0.95,
@@ -42,7 +43,7 @@ def describe(
     values
         Shape (N,), all finite; an empty sample gives NaN and no bins.
     bins
-        Number of equal bins of the density over the sample's range.
+        Number of equal bins of the density over the sample's range; None for as many as the sample tells.
     probabilities
         Of the quantiles.
     n_missing
@@ -209,10 +210,18 @@ def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: in
     return bounds
 
 
-def _density(values: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return density and edges; a sample without spread gets one bin's width from its own size."""
+def _density(values: np.ndarray, bins: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return density and edges; a sample without spread gets one bin's width from its own size.
+
+    Without a number of bins it is the larger one of Freedman and Diaconis's, of the width ``2 IQR / n^(1/3)``, and
+    Sturges's ``1 + log2(n)``, up to `MOST_BINS`, as heavy tails have bins without number.
+    """
     lowest, highest = float(values.min()), float(values.max())
     if is_constant(values):
         margin = max(abs(lowest), 1.0) * 1e-6
         lowest, highest = lowest - margin, highest + margin
+    if bins is None:
+        low, high = np.quantile(values, (0.25, 0.75))
+        by_width = (highest - lowest) * values.size ** (1.0 / 3.0) / (2.0 * (high - low)) if high > low else 0.0
+        bins = int(np.ceil(np.clip(max(by_width, 1.0 + np.log2(values.size)), 1, MOST_BINS)))
     return np.histogram(values, bins=bins, range=(lowest, highest), density=True)

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
 from pgmp_petsc import __version__
+from pgmp_petsc.results.numbers import axis_unit
 from pgmp_petsc.runtime.files import RunRecord, replacing
 
 Arguments = ParamSpec("Arguments")
@@ -64,9 +65,6 @@ _SETTINGS = {
 # Texts above all axes: height of a line, and characters an inch, which tell where lines break.
 _TITLE = {"font": {"fontsize": 12.5, "weight": "bold"}, "inches": 0.23, "characters_per_inch": 9.6}
 _NOTE = {"font": {"fontsize": 8.5, "color": "#A32A00"}, "inches": 0.16, "characters_per_inch": 15.0}
-# Powers of 1000 that are written as prefixes, for the units that are used with them.
-_PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n", 1: "k", 2: "M", 3: "G"}
-_PREFIXED_UNITS = {"m", "s", "N", "Pa", "J", "W", "rad", "Hz"}
 
 
 def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
@@ -163,18 +161,6 @@ class PlainNumbers(Formatter):
     def __call__(self, value: float, pos: int | None = None) -> str:
         """Return the number at a tick."""
         return f"{value:.{self.digits}g}"
-
-
-def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
-    """Return the factor and the prefixed unit that give values of at most three digits before the point."""
-    largest = max((np.nanmax(np.abs(values), initial=0.0) for values in arrays), default=0.0)
-    if unit not in _PREFIXED_UNITS or not np.isfinite(largest) or largest == 0.0:
-        return 1.0, unit
-    # 0.3 m reads better than 300 mm, so that the prefix changes at a tenth of the unit; 150 MPa better than 0.15 GPa
-    tenth = 1.0 if unit in ("N", "Pa") else 10.0
-    power = int(np.floor(np.log10(largest * tenth) / 3.0 + 1e-9))
-    power = min(max(power, -3), 0 if unit in ("m", "s", "rad") else 3)
-    return 1000.0**-power, f"{_PREFIXES[power]}{unit}"
 
 
 def axis_label(name: str, unit: str) -> str:

@@ -31,6 +31,7 @@ from pgmp_petsc.figures.style import (
     top_legend,
 )
 from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.runtime.errors import InputError
 
 N_CROSSES = 36
@@ -244,7 +245,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     axes.yaxis.set_major_formatter(PlainNumbers())
     axes.set_ylabel("error (%)")
     if largest:
-        axes.set_title(f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
+        axes.set_title(f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
     else:
         axes.set_title("not known: no full-order values, all are zero, or a run did no step", fontsize=8.5, color=QUIET, pad=4.0)
 

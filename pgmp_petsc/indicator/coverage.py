@@ -11,6 +11,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
@@ -64,7 +65,7 @@ def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remar
     """Return a warning of outputs that are hardly known, by their estimated errors."""
     shares = {name: errors.share(name) for name in errors.outputs}
     found = [
-        f"{name} {100 * share:.2g} %" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
+        f"{name} {share_text(share)}" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
         for name, share in shares.items()
         if share > HARDLY_KNOWN
     ]

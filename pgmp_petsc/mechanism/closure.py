@@ -23,6 +23,8 @@ MAX_ITERATIONS = 25
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
+GUESSED = " (the first guess of how it is assembled; angles in rad)"
+TRIES = 12  # assemblies that are tried from other places before it is said that there is none
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 
 
@@ -114,8 +116,9 @@ class LoopClosure:
     def _scaled_gap(self, residual: np.ndarray) -> np.ndarray:
         return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
-    def close(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n).
+    def close(self, poses: np.ndarray, theta: np.ndarray, placed: bool = False) -> np.ndarray:
+        """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
+        bodies as `placed`.
 
         Raises
         ------
@@ -123,20 +126,62 @@ class LoopClosure:
             Where it does not converge.
         """
         closed, gap = self.newton(poses, theta)
-        self.require_closed(poses, theta, gap)
+        self.require_closed(poses, theta, gap, placed)
         return closed
 
-    def require_closed(self, poses: np.ndarray, theta: np.ndarray, gap: np.ndarray) -> None:
+    def require_closed(self, poses: np.ndarray, theta: np.ndarray, gap: np.ndarray, placed: bool = False) -> None:
         """Refuse theta (n, n_theta) where a gap (n,) remained, from poses (n_bodies, n_pose, n)."""
         if np.all(gap < CLOSURE_TOLERANCE):
             return
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
-        gaps, blame = self._gaps(self._nearest(poses[..., [worst]], theta[[worst]]))
-        ranges = " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
+        start, where = poses[..., [worst]], theta[[worst]]
+        found = self._nearest(start, where)
+        gaps, blame = self._gaps(self.residual(found, where)[:, 0])
+        closed = self._closed_from(start, found, where, TRIES if placed else 0)
+        if closed is not None:
+            raise InputError(
+                f"joints.{blame}: the mechanism can close at {self.describe(theta[worst])}, but "
+                + (
+                    "not from where its bodies are placed: placements are the first guess of how it is assembled, and "
+                    f"these are too far off (angles are in rad). It closes with {self._placements(closed)}"
+                    if placed
+                    else "not in the way that it is assembled: between there and here it goes through a dead centre, or "
+                    f"into another assembly. Narrow {self._ranges}, or assemble it the other way by its placements"
+                )
+            )
         raise InputError(
             f"joints.{blame}: the mechanism cannot close at {self.describe(theta[worst])}; {gaps}. Check the bodies' "
-            f"lengths and placements, or narrow {ranges}"
+            f"lengths and placements{GUESSED if placed else ''}, or narrow {self._ranges}"
         )
+
+    @property
+    def _ranges(self) -> str:
+        return " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
+
+    def _closed_from(self, start: np.ndarray, nearest: np.ndarray, theta: np.ndarray, tries: int) -> np.ndarray | None:
+        """Return poses (n_bodies, n_pose, 1) at which the joints close at theta (1, n_theta), None if none are found:
+        from the nearest ones, and from bodies that are moved by chance."""
+        rng, far = np.random.default_rng(0), self._units.reshape(len(start), self.n_pose, 1)
+        for guess in (nearest, *(start + far * rng.normal(size=start.shape) for _ in range(tries))):
+            closed, gap = self.newton(guess, theta)
+            if gap[0] < CLOSURE_TOLERANCE:
+                return closed
+        return None
+
+    def _placements(self, poses: np.ndarray) -> str:
+        """Return the placements of bodies at poses (n_bodies, n_pose, 1) as entries of a scene."""
+        texts, d = [], self.mechanism.space.dimension
+        for body, pose in zip(self.mechanism.bodies, poses[..., 0]):
+            origin = ", ".join(f"{x:.4g}" for x in np.where(np.abs(pose[:d]) > NO_GAP * self.size, pose[:d], 0.0))
+            if d == 2:
+                turn = f"angle = {np.remainder(pose[2] + np.pi, 2.0 * np.pi) - np.pi:.4g}"
+            else:
+                from scipy.spatial.transform import Rotation  # for a message alone
+
+                vector = Rotation.from_matrix(pose[3:].reshape(3, 3).T).as_rotvec()
+                turn = f"rotation = [{', '.join(f'{x:.4g}' for x in vector)}]"
+            texts.append(f"bodies.{body.name}.placement = {{ origin = [{origin}], {turn} }}")
+        return ", ".join(texts)
 
     def _gaps(self, residual: np.ndarray) -> tuple[str, str]:
         """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
@@ -150,8 +195,8 @@ class LoopClosure:
         return f"the points meet, and an angle of {np.arcsin(min(turned, 1.0)):.3g} rad remains", blame.name
 
     def _nearest(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Return the residual, shape (n_rows,), of rigid bodies whose joints come as near as they can, from poses
-        (n_bodies, n_pose, 1) at theta (1, n_theta)."""
+        """Return poses (n_bodies, n_pose, 1) of rigid bodies whose joints come as near as they can, from such poses at
+        theta (1, n_theta)."""
         from scipy.optimize import least_squares  # a mechanism that closes has no use for it
 
         weights = STIFF / self._scale
@@ -163,7 +208,7 @@ class LoopClosure:
         def slopes(unknowns: np.ndarray) -> np.ndarray:
             return weights[:, None] * self.jacobian(unknowns.reshape(poses.shape))[0]
 
-        return weighted(least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x) / weights
+        return least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x.reshape(poses.shape)
 
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""

@@ -14,7 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
+from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
+from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mechanism.walk import Walk
@@ -279,7 +281,7 @@ class RigidKinematics:
         for place in self._places(axes):
             theta = np.array([[axis[k] for axis, k in zip(axes, place)]])
             try:
-                return place, self._closure.close(guess, theta)
+                return place, self._closure.close(guess, theta, placed=True)
             except InputError as error:
                 failure = failure or error
         # two coordinates of a mechanism with one degree of freedom close nowhere: the count says why
@@ -323,8 +325,39 @@ class RigidKinematics:
                 f"joints: they leave the rigid mechanism {n_poses - rank} degrees of freedom "
                 f"({n_poses} of its {len(self.mechanism.bodies)} bodies less "
                 f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal"
+                f"{self._left_loose(poses) if n_poses - rank > self.n_coordinates else ''}"
             )
         return self.mechanism.n_constraints - rank
+
+    def _left_loose(self, poses: np.ndarray) -> str:
+        """Say which bodies can move while all others, and the coordinates, rest, and what holds them; empty if none."""
+        jacobian, n_pose = self._closure.scaled(self._closure.jacobian(poses))[0], self.mechanism.space.n_pose
+        texts = []
+        for number, body in enumerate(self.mechanism.bodies):
+            values = np.linalg.svd(jacobian[:, number * n_pose : (number + 1) * n_pose], compute_uv=False)
+            if values[-1] > SINGULAR_TOLERANCE * values[0]:
+                continue
+            own = [c for c in self.mechanism.connections if number in (c.a.body, c.b.body)]
+            names = " and ".join(c.name for c in own)
+            if len(own) == 2 and all(c.joint.kind == "spherical" for c in own):
+                texts.append(
+                    f"{body.name} can spin idly about the line through its ball joints {names}: make one of them "
+                    f"universal, which holds the spin: {self._universal(own[1], poses, own)}"
+                )
+            else:
+                where = f"in {names}" if names else "as no joint is on it"
+                texts.append(f"{body.name} can move by itself {where}: name a coordinate for it, or join it otherwise")
+        return "".join(f". {text}" for text in texts)
+
+    def _universal(self, connection: Connection, poses: np.ndarray, both: Sequence[Connection]) -> str:
+        """Return the entries of a universal joint in the place of a ball, both of its axes across the line through two
+        balls as assembled."""
+        places = [c.b.frame_of_pose(poses)[:, 0] for c in both]
+        axes = triad(places[1][:3] - places[0][:3])[:, 1:]
+        frame = connection.a.frame_of_pose(poses)[:, 0]
+        own = frame[3:12].reshape(3, 3) @ axes  # one director a row
+        first, second = (", ".join(f"{x:.4g}" for x in np.where(np.abs(axis) > 1e-6, axis, 0.0)) for axis in own.T)
+        return f'joints.{connection.name}: type = "universal", axis = [{first}], second_axis = [{second}]'
 
     def _rank(self, poses: np.ndarray) -> int:
         """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""

@@ -96,7 +96,7 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
             how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, {comparison.part}"
             alike = comparison.same_steps
             if alike:
-                how += ", with the same time step: what it does wrong in both alike does not show"
+                how += " and at the same time step; the time-step error is not included"
             datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
             return ModelError(shares, how, datums, estimated if alike else None, at_end)
     return None

@@ -208,8 +208,9 @@ def distribution(
                 label="samples that failed",
             )  # fmt: skip
         axes.set_ylim(bottom=0.0)
-        axes.set_yticks([])
-        axes.grid(axis="y", visible=False)
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.yaxis.set_major_formatter(PlainNumbers())
+        axes.set_ylabel("density" if shown in ("", "1") else f"density (1/{shown})")
         # numbers that differ in a late digit are long
         narrow = np.ptp(edges) < NARROW * np.abs(edges).max()
         axes.xaxis.set_major_locator(MaxNLocator(2 if narrow else 5))

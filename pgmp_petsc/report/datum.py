@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.results.numbers import end_texts, number_text
+from pgmp_petsc.results.numbers import end_texts, number_text, share_text
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,6 @@ class Place:
             for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends, factor * float(value))))
         )
         return [shown, Interval(low, high)]
-
-
-def share_text(share: float) -> str:
-    """Return a share in per cent with two digits: ``0.12 %``."""
-    if not np.isfinite(share):
-        return "not known"
-    return f"{100.0 * share:.2g} %"
 
 
 def in_words(name: str) -> str:

@@ -11,10 +11,14 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
+
 from pgmp_petsc import __version__
 from pgmp_petsc.report.datum import sentence_case
 from pgmp_petsc.report.section import section_of
 from pgmp_petsc.report.sources import compact_json, read_sources
+from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.runtime.files import replacing
@@ -52,6 +56,20 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     return [f"{output}: {about}, {size:.2g} MB", *lines]
 
 
+def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
+    """Return the largest size that outputs of each unit have on a page."""
+    largest: dict[str, float] = {}
+    for result in results:
+        if not isinstance(result, (Trajectory, Ensemble)):
+            continue
+        known = {name: s.quantiles for name, s in result.statistics.items()} if isinstance(result, Ensemble) else {}
+        for name, values in (known or result.outputs).items():
+            size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+            unit = result.units.get(name, "1")
+            largest[unit] = max(size, largest.get(unit, 0.0))
+    return largest
+
+
 def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     """Return the page's text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
@@ -61,7 +79,8 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
         lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"compact": compact_json, "sentence_case": sentence_case}
-    sections = [section_of(sources) for sources in scenes]
+    with one_unit_each(_largest_of_units([source.result for sources in scenes for source in sources])):
+        sections = [section_of(sources) for sources in scenes]
     title = sections[0].name if len(sections) == 1 else ", ".join(section.name for section in sections)
     folder = resources.files("pgmp_petsc.report") / "page"
     css, *scripts = ((folder / name).read_text(encoding="utf-8") for name in ("page.css", "surfaces.js", "page.js"))

@@ -1,17 +1,74 @@
-"""Figures in words: as many digits as an interval leaves them, intervals, percentages."""
+"""Figures in words: as many digits as an interval leaves them, intervals, percentages, and prefixes of units.
+
+A person reads 12 MPa and 140 %, where files hold 1.2e7 Pa and 1.4. Within a page (`one_unit_each`) all figures of a
+unit have one prefix.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 
 DIGITS = 2  # of an interval's width that are shown
+PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
+READABLE = 1e-3  # of the largest figure of a page: smaller ones have a prefix of their own
+# Powers of 1000 that are written as prefixes, for the units that are used with them.
+_PREFIXES = {0: "", -1: "m", -2: "\N{MICRO SIGN}", -3: "n", 1: "k", 2: "M", 3: "G"}
+_PREFIXED_UNITS = {"m", "s", "N", "N m", "Pa", "J", "W", "rad", "Hz"}
+_largest: ContextVar[Mapping[str, float]] = ContextVar("largest", default={})
+
+
+def plain(value: float, digits: int = 2, sign: str = "") -> str:
+    """Return a figure with so many digits, ``140`` and not ``1.4e+02``; with a power of ten beyond `PLAIN`."""
+    text = f"{value:{sign}.{digits}g}"
+    if "e" not in text or not PLAIN[0] <= abs(value) < PLAIN[1]:
+        return text
+    return f"{float(text):{sign}.0f}"
+
+
+def share_text(share: float, digits: int = 2) -> str:
+    """Return a share in per cent: ``0.12 %``, ``140 %``."""
+    return f"{plain(100.0 * share, digits)} %" if np.isfinite(share) else "not known"
+
+
+def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
+    """Return the factor and the prefixed unit that give values of at most three digits before the point."""
+    largest = max((np.nanmax(np.abs(values), initial=0.0) for values in arrays), default=0.0)
+    if unit not in _PREFIXED_UNITS or not np.isfinite(largest) or largest == 0.0:
+        return 1.0, unit
+    of_page = _largest.get().get(unit, 0.0)
+    largest = of_page if largest >= READABLE * of_page > 0.0 else largest
+    # 0.3 m reads better than 300 mm, so that the prefix changes at a tenth of the unit; 150 MPa better than 0.15 GPa
+    tenth = 1.0 if unit in ("N", "N m", "Pa") else 10.0
+    power = int(np.floor(np.log10(largest * tenth) / 3.0 + 1e-9))
+    power = min(max(power, -3), 0 if unit in ("m", "s", "rad") else 3)
+    return 1000.0**-power, f"{_PREFIXES[power]}{unit}"
+
+
+def with_unit(value: float, unit: str, digits: int = 4) -> str:
+    """Return a figure with its prefixed unit: ``12 MPa``."""
+    factor, shown = axis_unit(unit, np.array([value]))
+    return plain(factor * value, digits) + ("" if shown in ("", "1") else f" {shown}")
+
+
+@contextmanager
+def one_unit_each(largest: Mapping[str, float]) -> Iterator[None]:
+    """Let figures of a unit have the prefix of the largest one of them within the block."""
+    before = _largest.set(largest)
+    try:
+        yield
+    finally:
+        _largest.reset(before)
 
 
 def number_text(value: float, ends: np.ndarray, most: int) -> str:
     """Return a figure with as many digits as its interval leaves it, `most` at most; 5 where that says nothing."""
     if np.isnan(value):
         return "unknown"
-    return f"{value:.{_digits(value, _width(ends, value), most)}g}"
+    return plain(value, _digits(value, _width(ends, value), most))
 
 
 def interval_text(ends: np.ndarray, value: float = np.nan) -> str:
@@ -28,7 +85,7 @@ def end_texts(ends: np.ndarray, value: float = np.nan) -> list[str]:
     """Return both ends of an interval, which may be infinite, of a value where that is known."""
     width = _width(ends, value)
     return [
-        ("-" if end < 0 else "") + "infinite" if np.isinf(end) else f"{end:.{_digits(end, width, 8)}g}" for end in ends
+        ("-" if end < 0 else "") + "infinite" if np.isinf(end) else plain(end, _digits(end, width, 8)) for end in ends
     ]
 
 

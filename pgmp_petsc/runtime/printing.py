@@ -10,6 +10,7 @@ import io
 import os
 from typing import TextIO
 
+from pgmp_petsc.runtime.progress import clear_beat
 
 class LastingOutput(io.RawIOBase):
     """Writes to a file descriptor until that fails, and swallows what comes after.
@@ -44,6 +45,7 @@ class LastingOutput(io.RawIOBase):
     def write(self, data: bytes) -> int:
         """Write what can be written."""
         if self.failure is None:
+            clear_beat()
             try:
                 return os.write(self._descriptor, data)
             except OSError as error:

@@ -3,6 +3,12 @@
 A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
 after `FIRST` seconds and then every `EVERY` seconds, less often the longer the work takes; short work says nothing.
 A thread writes them, so that work of which no unit is done yet is seen to go on.
+
+What is left is told by the rate of the last part of the work, without the time that it waited for the compiler: what
+comes first is slower as a rule. Units that are under way count by the share of their steps that is done.
+
+Between counts a person at a terminal sees which phase goes on (`Beat`); where there is none, the log has a line when
+that waits for the compiler.
 """
 
 from __future__ import annotations
@@ -10,8 +16,9 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, TextIO
@@ -24,10 +31,18 @@ FIRST = 5.0  # s, before the first line
 EVERY = 10.0  # s, between lines of work that began less than 100 s ago
 SHARE = 0.1  # of the time since the beginning, between later lines
 SELDOM = 60.0  # s, the longest time between lines
+RECENT = 0.5  # of the time, the last part, whose rate tells what is left; FIRST at least
+TOLD = 0.01  # of what there was to do, from which on what is left is told
+NOTED = 0.5  # s, between two counts that are kept of the last part
+BEAT = 1.0  # s, between looks of what shows that a command goes on
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 _waits_for: list[str] = []  # what stands beside the count
+_waiting = [0.0, 0.0]  # s that work waited for such things so far, and since when it does now
 _bars: list[tqdm] = []  # those at a terminal
+_counts: list[object] = []  # counts that are open
+_beats: list[Beat] = []  # those that look
+_phases: list[str] = []  # what goes on, the innermost last
 
 
 class Progress(Protocol):
@@ -35,6 +50,9 @@ class Progress(Protocol):
 
     def update(self, n: int = 1) -> object:
         """Count ``n`` further units of work as done."""
+
+    def within(self, units: float) -> object:
+        """Say how many units are done within those under way, 0 when they are counted."""
 
     def __enter__(self) -> Progress: ...
 
@@ -47,6 +65,9 @@ class Silent:
     """A count that shows nothing."""
 
     def update(self, n: int = 1) -> None:
+        """Do nothing."""
+
+    def within(self, units: float) -> None:
         """Do nothing."""
 
     def __enter__(self) -> Silent:
@@ -85,7 +106,10 @@ class Lines:
     ) -> None:
         self._total, self._description, self._stream, self._clock = total, description, stream, clock
         self._initial = self._done = initial
+        self._part = 0.0
         self._start = clock()
+        self._seen = deque([(0.0, float(initial))])  # s without waiting, units
+        self._waited = waited(self._start)
         self._next = self._start + FIRST
         self._said = -1  # the count of the last line
         self._turn = threading.Lock()
@@ -96,22 +120,39 @@ class Lines:
         self._done += n
         self.look()
 
+    def within(self, units: float) -> None:
+        """Say how many units are done within those under way, 0 when they are counted."""
+        self._part = max(self._part, units) if units > 0.0 else 0.0
+        self.look()
+
+    @property
+    def _so_far(self) -> float:
+        done = self._done + self._part
+        return done if self._total is None else min(done, float(max(self._total, self._done)))
+
     def look(self) -> None:
         """Write a line if it is time."""
         with self._turn:
-            now = self._clock()
+            now, done = self._clock(), self._so_far
+            elapsed = now - self._start
+            # what work waits for, such as the compiler, comes once: it does not tell how fast the rest goes
+            worked = elapsed - (waited(now) - self._waited)
+            if worked - self._seen[-1][0] >= NOTED:
+                self._seen.append((worked, done))
+            while len(self._seen) > 2 and self._seen[1][0] <= worked - max(RECENT * worked, FIRST):
+                self._seen.popleft()
             if now < self._next:
                 return
-            elapsed = now - self._start
             self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
-            done = self._done - self._initial
-            left = 0 if self._total is None else self._total - self._done
-            # what work waits for, such as the compiler, comes once: it does not tell how fast the rest goes
-            known = done > 0 and left > 0 and not _waits_for
-            rest = f", about {_words(elapsed * left / done)} to go" if known else ""
+            left = 0.0 if self._total is None else self._total - done
+            since, before = self._seen[0]
+            known = left > 0.0 and done - before > 0.0 and worked > since and not _waits_for
+            known = known and done - self._initial >= TOLD * (self._total - self._initial)
+            rest = f", about {_words((worked - since) * left / (done - before))} to go" if known else ""
             self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
 
     def __enter__(self) -> Lines:
+        _counts.append(self)
         threading.Thread(target=self._watch, daemon=True).start()
         return self
 
@@ -119,6 +160,7 @@ class Lines:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._ended.set()
+        _counts.remove(self)
         # the last line of a log says that the work came to its end
         if 0 <= self._said < self._done >= (self._total or 0) and kind is None:
             self._say(_words(self._clock() - self._start))
@@ -131,7 +173,7 @@ class Lines:
         self._said = self._done
         of = "" if self._total is None else f" of {self._total}"
         try:
-            print(f"{self._description}: {self._done}{of}, {times}", file=self._stream, flush=True)
+            print(f"{self._description}: {int(self._so_far)}{of}, {times}", file=self._stream, flush=True)
         except OSError:
             # whoever read stderr has gone, or its disk is full: no reason to end the work
             self._next = float("inf")
@@ -152,18 +194,145 @@ def progress(total: int | None, description: str, comm: MPI.Comm, initial: int =
 
     bar = tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
     _bars[:] = [one for one in _bars if not one.disable] + [bar]  # a bar that is closed is disabled
-    return bar
+    return _Bar(bar)
+
+
+class _Bar:
+    """A bar at a terminal; units within those under way move it too."""
+
+    def __init__(self, bar: tqdm) -> None:
+        self._bar, self._done, self._part = bar, bar.n, 0.0
+
+    def update(self, n: int = 1) -> None:
+        """Count ``n`` further units of work as done."""
+        self._done += n
+        self._show()
+
+    def within(self, units: float) -> None:
+        """Say how many units are done within those under way, 0 when they are counted."""
+        self._part = max(self._part, units) if units > 0.0 else 0.0
+        self._show()
+
+    def _show(self) -> None:
+        done, total = int(self._done + self._part), self._bar.total
+        done = done if total is None else max(min(done, int(total)), self._done)
+        if done > self._bar.n:  # it never goes back: others may be less far with theirs
+            self._bar.update(done - self._bar.n)
+
+    def __enter__(self) -> _Bar:
+        _counts.append(self)
+        self._bar.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        _counts.remove(self)
+        self._bar.__exit__(kind, error, trace)
+
+
+class Beat:
+    """Shows that a command goes on while nothing is counted: what it does, or waits for, and for how long.
+
+    A person sees a line that the next one takes the place of. A log has lines of what is waited for alone, as seldom as
+    those of counts.
+    """
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream, self._clock, self._person = stream, clock, stream.isatty()
+        self._ended, self._since, self._what, self._next = threading.Event(), clock(), "", 0.0
+        self._shown = False
+
+    def __enter__(self) -> Beat:
+        _beats.append(self)
+        threading.Thread(target=self._watch, daemon=True).start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        _beats.remove(self)
+        self.clear()
+
+    def look(self) -> None:
+        """Show what goes on, if it has for `FIRST` seconds and no count shows it."""
+        waits, now = _waits_for[-1:], self._clock()
+        for bar in _bars:  # its time goes on where no unit comes to its end
+            if self._person and not bar.disable:
+                bar.refresh()
+        what = "" if _counts else waits[0] if waits else _phases[-1] if _phases else "working"
+        if what != self._what:
+            self.clear()
+            self._what, self._since, self._next = what, now, now + FIRST
+        elif what and now >= self._next and (self._person or waits):
+            self._next = now + (BEAT if self._person else min(max(EVERY, SHARE * (now - self._since)), SELDOM))
+            start, end = ("\r\x1b[K", "\r") if self._person else ("", "\n")
+            self._shown = True
+            self._write(f"{start}pgmp: {what}, {_words(now - self._since)}{end}")
+
+    def clear(self) -> None:
+        """Take away the line that a person sees."""
+        if self._person and self._shown:
+            self._shown = False
+            self._write("\r\x1b[K")
+
+    def _watch(self) -> None:
+        while not self._ended.wait(BEAT):
+            self.look()
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError, ValueError):  # nobody reads it any more
+            self._stream.write(text)
+            self._stream.flush()
+
+
+def beating(comm: MPI.Comm, quiet: bool) -> AbstractContextManager[object]:
+    """Return what shows that a command goes on, on rank 0; not collective."""
+    if comm.rank > 0 or quiet or sys.stderr is None:
+        return nullcontext()
+    return Beat(sys.stderr)
+
+
+def clear_beat() -> None:
+    """Take away what a `Beat` shows, before something else is written there."""
+    for one in _beats:
+        one.clear()
+
+
+@contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Name what goes on within the block, for whoever waits."""
+    _phases.append(what)
+    try:
+        yield
+    finally:
+        _phases.pop()
+
+
+def waited(now: float) -> float:
+    """Return how long this process has waited for what `waits_for` said, s."""
+    return _waiting[0] + (now - _waiting[1] if _waits_for else 0.0)
 
 
 def waits_for(what: str | None) -> None:
     """Say beside the counts what work waits for, None at the end of that; it may wait for one within another."""
     if what is None:
         _waits_for.pop()
+        if not _waits_for:
+            _waiting[0] += _now() - _waiting[1]
     else:
+        if not _waits_for:
+            _waiting[1] = _now()
         _waits_for.append(what)
     for bar in _bars:
         if not bar.disable:
             bar.set_postfix_str((_waits_for or [""])[-1])
+
+
+def _now() -> float:
+    """Return what clock counts are by."""
+    return time.monotonic()
 
 
 def announce(text: str, comm: MPI.Comm) -> None:

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.runtime.progress import doing
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -30,7 +32,8 @@ class Timings:
         """Add the time of the block to phase ``name``, also when the block raises."""
         start = self._clock()
         try:
-            yield
+            with doing(name):
+                yield
         finally:
             self._seconds[name] = self._seconds.get(name, 0.0) + self._clock() - start
 

@@ -58,7 +58,9 @@ class Ensemble(Table):
         8, description="scrambled Sobol sequences that take turns; intervals follow from their differences"
     )
     confidence: Probability = Field(0.95, description="level of all confidence intervals")
-    bins: Bins = Field(50, ge=1, description="number of bins of the estimated densities")
+    bins: Bins | None = Field(
+        None, ge=1, description="number of bins of the estimated densities; as many as the samples tell if not given"
+    )
     quantiles: tuple[Probability, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )

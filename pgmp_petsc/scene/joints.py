@@ -188,5 +188,6 @@ class Coordinate(Table):
     def _period_is_a_revolution(self) -> Self:
         low, high = self.range
         if self.periodic and abs(high - low - 2.0 * math.pi) > 1e-9:
-            raise refusal(f"the range of a periodic coordinate is 2 pi = {2.0 * math.pi!r} long", "range")
+            degrees = "; it is in rad, not in degrees" if high - low == 360.0 else ""
+            raise refusal(f"the range of a periodic coordinate is 2 pi = {2.0 * math.pi!r} long{degrees}", "range")
         return self

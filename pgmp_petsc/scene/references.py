@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
 MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after the other: some seconds
+DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule; rad that nobody gives as such a range
 
 
 def reference_problems(scene: Scene) -> list[str]:
@@ -72,10 +73,19 @@ def _coordinates(scene: Scene) -> Iterator[str]:
     for name, coordinate in scene.coordinates.items():
         entry = f"coordinates.{name}.joint"
         low, high = coordinate.range
-        if high - low > MOST_RADIANS_OF_RANGE:
+        turns = f"{(high - low) / (2 * math.pi):.4g} turns"
+        if high - low >= FEW_TURNS and low % DEGREES == 0.0 == high % DEGREES:
+            inside = ", ".join(f"{math.radians(end):.5g}" for end in (low, high))
             yield problem(
                 f"coordinates.{name}.range",
-                f"is {(high - low) / (2 * math.pi):.4g} turns long, and each is followed in small steps; at most "
+                f"looks like degrees: it is in rad, and {turns} long; write [{inside}]. What turns for ever has range = "
+                f"[0.0, {2 * math.pi!r}] and periodic = true",
+                list(coordinate.range),
+            )
+        elif high - low > MOST_RADIANS_OF_RANGE:
+            yield problem(
+                f"coordinates.{name}.range",
+                f"is {turns} long, and each is followed in small steps; at most "
                 f"{MOST_RADIANS_OF_RANGE:g} rad are taken. What turns for ever has range = [0.0, {2 * math.pi!r}] and "
                 "periodic = true",
                 list(coordinate.range),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
 
 THRESHOLDS = (0.05, 0.01, 0.001)
@@ -122,7 +123,7 @@ def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
     if not known.any():
         return ": none could be measured"
     row = int(np.argmin(np.where(known, errors, np.inf)))
-    return f"; the best is {study.name(row)}, with {100 * errors[row]:.2g} %"
+    return f"; the best is {study.name(row)}, with {share_text(errors[row])}"
 
 
 def _price(study: Tradeoff, row: int) -> str:
@@ -192,7 +193,7 @@ def _mesh_sentences(study: Tradeoff) -> list[str]:
         return []
     best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)
     worse = [
-        f"{100 * error:.2g} % in {name}"
+        f"{share_text(error)} in {name}"
         for name, error, floor in zip(study.outputs, mesh.errors[0], best)
         if error > floor
     ]
@@ -211,7 +212,7 @@ def _reference_sentences(study: Tradeoff) -> list[str]:
         return []
     moved = study.references.moved[own][0]
     poor = [
-        f"{100 * move:.2g} % in {name}"
+        f"{share_text(move)} in {name}"
         for name, move, errors in zip(study.outputs, moved, study.errors[study.own_mesh].T)
         if np.isfinite(errors).any() and move > NOT_KNOWN * np.nanmin(errors)
     ]

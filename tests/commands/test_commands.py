@@ -186,7 +186,8 @@ def test_an_ensemble_keeps_the_contract(ensemble: Path) -> None:
             assert set(STATISTICS) <= set(group)
             assert group["mean"][()] == pytest.approx(values.mean(), rel=1e-12)
             assert group["std"][()] == pytest.approx(values.std(ddof=1), rel=1e-9)
-            assert group["edges"].shape == (len(group["pdf"]) + 1,) == (51,)
+            # of 12 samples: no more than these tell
+            assert group["edges"].shape == (len(group["pdf"]) + 1,) and 3 <= len(group["pdf"]) <= 12
             assert group["quantiles"].shape == group["quantiles"].attrs["probabilities"].shape
     assert not ensemble.with_name("ensemble.h5.partial").exists()
 

@@ -50,7 +50,7 @@ def test_the_probability_is_that_of_the_samples_and_the_terminal_says_it(
     found: tuple[RareEvent, str], model: ReducedModel
 ) -> None:
     event, said = found
-    assert "crank_angle above 0.0024 rad at the end" in said and f"{event.estimate:.4g} [" in said
+    assert "crank_angle above 2.4 mrad at the end" in said and f"{event.estimate:.4g} [" in said
     assert "another --seed looks again" in said
     weighted = event.weight > 0.0
     inside = event.value > 2.4e-3
@@ -76,7 +76,7 @@ def test_an_event_at_any_time_is_at_least_as_likely_as_at_the_end(model: Reduced
 
     ever = Event(output="crank_angle", above=2.4e-3, when="ever")
     result = run_rare_event(model, ever, 500, 1, MPI.COMM_SELF)
-    assert result.event == "crank_angle above 0.0024 rad at any time" and result.reached
+    assert result.event == "crank_angle above 2.4 mrad at any time" and result.reached
     # the motor drives the angle up all the time: it is largest at the end
     at_end = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 500, 1, MPI.COMM_SELF)
     assert result.estimate == pytest.approx(at_end.estimate, rel=1e-9)

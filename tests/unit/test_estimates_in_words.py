@@ -12,9 +12,9 @@ from pgmp_petsc.results import EstimatedErrors
     "largest, line, warned",
     [
         (0.5, "0.001 m (0.2 % of its largest value)", ""),
-        (0.00125, "0.001 m (80 % of its largest value)", "tip 80 %"),
-        (4e-17, "0.001 m (its largest value is 4e-17 m)", "tip more than all of it (4e-17)"),
-        (0.0, "0.001 m", ""),
+        (0.00125, "1 mm (80 % of its largest value)", "tip 80 %"),
+        (4e-17, "1 mm (its largest value is 4e-14 mm)", "tip more than all of it (4e-17)"),
+        (0.0, "1 mm", ""),
     ],
 )
 def test_a_share_is_told_where_it_says_something(largest: float, line: str, warned: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import synthetic
 from pictures import assert_inside, legend_texts, visible
 from sealed import resealed
 
-from pgmp_petsc.cli.gradient_tables import lines_of
+from pgmp_petsc.cli.gradient_tables import design_lines, lines_of
 from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.design import design
 from pgmp_petsc.figures.fit import fit
@@ -102,3 +103,14 @@ def test_derivatives_of_nothing_and_of_no_scene_are_damaged(tmp_path: Path) -> N
         file.attrs["scene"] = "[scene"
     with pytest.raises(InputError, match="is damaged: its scene is no TOML: "):
         Derivatives.read(path)
+
+
+def test_what_is_just_met_is_missed_by_nothing() -> None:
+    """Round-off of a constraint at its limit is no figure; a miss is one, and so is room to spare."""
+    found = synthetic.designed()
+    for value, active, said in (
+        (2.082e-17, True, " 0  just met"), (0.1, False, "+0.1  missed"), (-0.05, False, "-0.05  met"),
+    ):  # fmt: skip
+        constraint = replace(found.constraints[0], value=value, active=active)
+        (line,) = (line for line in design_lines(replace(found, constraints=(constraint,))) if "crank_angle) >=" in line)
+        assert said in line

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scenes import CRANK, ROD, four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
@@ -226,7 +228,8 @@ def test_too_many_degrees_of_freedom() -> None:
     message = refusal(scene.model_copy(update={"joints": joints}))
     assert message == (
         "joints: they leave the rigid mechanism 2 degrees of freedom (6 of its 2 bodies less 4 independent "
-        "constraints), but 1 coordinate was named: theta. Both numbers must be equal"
+        "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can move by itself in elbow: "
+        "name a coordinate for it, or join it otherwise"
     )
 
 
@@ -318,3 +321,25 @@ def test_a_single_body_needs_no_loop() -> None:
 
 def test_one_coordinate_is_counted() -> None:
     assert RigidKinematics(mechanism_of(slider_crank())).n_coordinates == 1
+
+
+@pytest.mark.parametrize("angles", [(-3.0, -1.0), (3.0, 1.0)])
+def test_placements_too_far_off_are_told_with_others_that_close(angles: tuple[float, float]) -> None:
+    """What the message says assembles the mechanism."""
+    lines = [
+        f"bodies.coupler.placement={{origin=[0.3,0.0],angle={angles[0]}}}",
+        f"bodies.rocker.placement={{origin=[1.0,0.0],angle={angles[1]}}}",
+    ]
+    with pytest.raises(InputError, match="placements are the first guess") as refused:
+        kinematics_of(four_bar(*lines))
+    message = str(refused.value)
+    assert "e-1" not in message
+    given = re.findall(r"bodies\.(\w+)\.placement = (\{[^}]*\})", message)
+    assert [name for name, _ in given] == ["crank", "coupler", "rocker"]
+    kinematics_of(four_bar(*(f"bodies.{name}.placement={table}" for name, table in given)))
+
+
+def test_lengths_that_close_nowhere_are_no_matter_of_placements() -> None:
+    with pytest.raises(InputError, match="a gap of .* remains") as refused:
+        kinematics_of(four_bar('bodies.coupler.mesh="0.0:0.1:2"', 'bodies.rocker.mesh="0.0:0.1:2"'))
+    assert "the first guess of how it is assembled; angles in rad" in str(refused.value)

@@ -37,6 +37,12 @@ REFUSED = {
                  "bodies.rod.section.width", "longer than thick"),
     "radius beyond numbers": (SCENE, ["bodies.rod.section.radius=1e100"], "bodies.rod.section.radius", "1e+30"),
     "radius below numbers": (SCENE, ["bodies.rod.section.radius=1e-200"], "bodies.rod.section.radius", "1e-30"),
+    "range in degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 90]}'], "coordinates.theta.range",
+                         "looks like degrees: it is in rad, and 14.32 turns long; write [0, 1.5708]"),
+    "half a turn in degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 180]}'],
+                               "coordinates.theta.range", "write [0, 3.1416]"),
+    "a turn in degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 360], periodic=true}'],
+                          "coordinates.theta.range", "not in degrees"),
     "one step": (SCENE, ["simulation.step=1.0"], "simulation.step", "one step for the whole run"),
     "1e9 steps": (SCENE, ["simulation.step=1e-9"], "simulation.step", "1e+09 steps"),
     "endless": (SCENE, ["simulation.duration=1e18"], "simulation.step", "simulation.duration = 1e+18"),
@@ -171,6 +177,12 @@ WARNED = {
     "overdamped by mass": (SCENE, ['effects.d={type="structural_damping", mass=1e6}'], "effects.d.mass", "critical"),
     "in a stop": (SCENE, [STOP + "lower=0.1}"], "effects.stop.lower", "0.1 rad beyond"),
     "few steps": (SCENE, ["simulation.step=0.2"], "simulation.step", "only 5 steps"),
+    "few degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 20]}'], "coordinates.theta.range",
+                    "is it in degrees?"),
+    "placement in degrees": (SCENE, ["bodies.rod.placement={origin=[0.3, 0.0], angle=-10}"],
+                             "bodies.rod.placement.angle", "is it in degrees?"),
+    "start in degrees": (SCENE, ["simulation.initial.theta.position=45.0"], "simulation.initial.theta.position",
+                         "is it in degrees?"),
     "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "the first mode of the mechanism has"),
     "coarse steps of cells": (SOLID, ["simulation.step=0.02"], "simulation.step", "between hinged ends"),
     "1e8 steps": (SCENE, ["simulation.step=1.1e-8"], "simulation.step", "steps to simulation.duration"),
@@ -239,6 +251,20 @@ SYSTEMS = {
     "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
     "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
 }
+
+
+def test_what_is_said_of_many_bodies_is_said_once() -> None:
+    """Fifteen short bodies of a rigid assembly are one warning, with their count; two are two."""
+    piece = (
+        'bodies.piece{}={{line={{length={}, elements=1}}, element="beam2d", material="steel", flexible=false, '
+        'section={{shape="circle", radius=0.02}}}}'
+    )
+    weld = 'joints.weld{}={{type="fixed", connect=["rod:tip", "piece{}:hinge"]}}'
+    for n, warned in ((15, 1), (2, 2)):
+        pieces = [piece.format(k, 0.01 + 1e-3 * k) for k in range(n)] + [weld.format(k, k) for k in range(n)]
+        said = [text for text in warnings_of(SCENE, pieces) if "thick and" in text]
+        assert len(said) == warned
+        assert ("The same of 14 others: bodies.piece1.section.radius" in said[0]) == (n == 15)
 
 
 def warnings_of(path: Path, changes: list[str]) -> list[str]:

@@ -316,7 +316,7 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
     charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
     verdict = words(next(with_class(tree, "verdict")))
-    assert re.search(r"Estimated model error at most [\d.]+ mrad \(crank angle\), ", verdict)
+    assert re.search(r"Estimated model error at most [\d.]+ rad \(crank angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
 
 
@@ -356,7 +356,7 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
         return words(next(with_class(tree, "verdict"))), {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
 
     verdict, budget = of(*files[:2])
-    said = r"Model error 3\.4 % .* with the same time step: what it does wrong in both alike does not show\."
+    said = r"Model error 3\.4 % .* at the same time step; the time-step error is not included\."
     assert re.search(said, verdict)
     assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
     assert budget["model: slider deformation"][0] == "3.4 %"

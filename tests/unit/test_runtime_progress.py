@@ -11,7 +11,7 @@ import pytest
 from conftest import TIMEOUT_SECONDS, run_mpi
 
 from pgmp_petsc.runtime import compiled
-from pgmp_petsc.runtime.progress import Lines, Silent, progress, waits_for, without_progress
+from pgmp_petsc.runtime.progress import Beat, Lines, Silent, doing, progress, waits_for, without_progress
 
 # counts to 7, with the first line at once
 COUNTING = """
@@ -31,6 +31,13 @@ class Rank:
     """What a bar asks of a communicator."""
 
     rank: int
+
+
+@pytest.fixture(autouse=True)
+def nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begin every test as a process begins."""
+    for name, value in (("_waits_for", []), ("_waiting", [0.0, 0.0]), ("_counts", []), ("_phases", [])):
+        monkeypatch.setattr(f"pgmp_petsc.runtime.progress.{name}", value)
 
 
 @dataclass
@@ -173,8 +180,9 @@ def test_one_rank_says_it_under_mpirun(n: int) -> None:
     assert all(line.startswith("samples: ") for line in said) and said.count("samples: 7 of 7") == 1
 
 
-def test_what_work_waits_for_is_said_beside_the_count() -> None:
+def test_what_work_waits_for_is_said_beside_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock()
+    monkeypatch.setattr("pgmp_petsc.runtime.progress._now", clock)
     count = Lines(7, "samples", clock.stream, clock=clock)
     waits_for("compiling")
     waits_for("compiling what that calls")
@@ -187,8 +195,9 @@ def test_what_work_waits_for_is_said_beside_the_count() -> None:
     assert clock.lines() == ["samples: 0 of 7, 6 s, compiling", "samples: 0 of 7, 26 s"]
 
 
-def test_what_work_waits_for_does_not_tell_how_fast_it_is() -> None:
+def test_what_work_waits_for_does_not_tell_how_fast_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock()
+    monkeypatch.setattr("pgmp_petsc.runtime.progress._now", clock)
     count = Lines(500, "samples", clock.stream, clock=clock)
     count.update()
     waits_for("compiling")
@@ -197,7 +206,7 @@ def test_what_work_waits_for_does_not_tell_how_fast_it_is() -> None:
     waits_for(None)
     clock.now += 10.0
     count.update(299)
-    assert clock.lines() == ["samples: 1 of 500, 5 s, compiling", "samples: 300 of 500, 15 s, about 10 s to go"]
+    assert clock.lines() == ["samples: 1 of 500, 5 s, compiling", "samples: 300 of 500, 15 s, about 7 s to go"]
 
 
 def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,3 +226,90 @@ def test_compiling_is_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> No
     triple = compiled.njit()(lambda x: 3 * x)
     assert triple(2) == triple(3) - 3 == 6
     assert said == [compiled.COMPILING, None]
+
+
+def test_minutes_of_compiling_do_not_make_hours_to_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three samples were done when it began; the other 509 take 20 s."""
+    clock = Clock()
+    monkeypatch.setattr("pgmp_petsc.runtime.progress._now", clock)
+    count = Lines(512, "reduced samples", clock.stream, clock=clock)
+    count.update(3)
+    waits_for("compiling")
+    clock.now += 160.0
+    count.look()
+    waits_for(None)
+    for _ in range(20):
+        clock.now += 1.0
+        count.update(25)
+        count.look()
+    told = [line for line in clock.lines() if "to go" in line]
+    assert told and "h" not in told[0].split("to go")[0].split("about ")[1]
+    seconds = [int(line.split("about ")[1].split(" s")[0]) for line in told]
+    assert max(seconds) <= 25
+
+
+def test_slow_first_samples_do_not_tell_how_long_the_others_take() -> None:
+    """The first samples, whose errors are estimated, take ten times as long."""
+    clock = Clock()
+    count = Lines(1000, "samples", clock.stream, clock=clock)
+    for k in range(160):
+        clock.now += 1.0
+        count.update(1 if k < 60 else 9)
+    line = next(line for line in clock.lines() if int(line.split(", ")[1].split(" ")[0]) >= 120)
+    done = int(line.split(": ")[1].split(" of")[0])
+    said = int(line.split("about ")[1].split(" s")[0])
+    assert abs(said - (1000 - done) / 9) < 10
+
+
+def test_samples_under_way_count_by_their_steps() -> None:
+    clock = Clock()
+    with Lines(512, "samples", clock.stream, clock=clock) as bar:
+        for k in range(1, 101):
+            clock.now += 0.4
+            bar.within(512 * k / 100)
+        bar.within(0.0)
+        bar.update(512)
+    lines = clock.lines()
+    assert lines[0] == "samples: 66 of 512, 5 s, about 35 s to go" and lines[-1] == "samples: 512 of 512, 40 s"
+
+
+def test_a_bar_counts_samples_under_way_and_never_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(10, "samples", Rank(0)) as bar:
+        bar.within(5.7)
+        assert bar._bar.n == 5
+        bar.within(0.0)
+        bar.update(2)
+        assert bar._bar.n == 5
+        bar.update(8)
+        assert bar._bar.n == 10
+
+
+def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
+    clock, terminal = Clock(), Terminal()
+    beat = Beat(terminal, clock)
+    with doing("reading meshes"):
+        beat.look()
+        clock.now += 4.0
+        beat.look()
+        assert terminal.getvalue() == "", "short work says nothing"
+        for _ in range(3):
+            clock.now += 1.0
+            beat.look()
+        assert terminal.getvalue().endswith("\r\x1b[Kpgmp: reading meshes, 7 s\r")
+        with Lines(3, "samples", clock.stream, clock=clock):
+            beat.look()
+            assert terminal.getvalue().endswith("\r\x1b[K"), "a count says it itself"
+    log = io.StringIO()
+    quiet = Beat(log, clock)
+    with doing("reading meshes"):
+        for _ in range(20):
+            clock.now += 1.0
+            quiet.look()
+    assert log.getvalue() == ""
+    waits_for("compiling")
+    for _ in range(20):
+        clock.now += 1.0
+        quiet.look()
+    waits_for(None)
+    assert log.getvalue().splitlines() == ["pgmp: compiling, 5 s", "pgmp: compiling, 15 s"]

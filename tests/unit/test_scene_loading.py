@@ -120,7 +120,7 @@ def test_defaults(tmp_path: Path) -> None:
         "initial": {},
     }
     assert scene.ensemble.model_dump() == {
-        "bins": 50,
+        "bins": None,
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 512,
         "checked_share": None,

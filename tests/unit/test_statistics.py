@@ -92,3 +92,19 @@ def test_of_nothing_known_quantiles_have_no_bounds() -> None:
     found = describe(np.empty(0), 10, PROBABILITIES, 5)
     np.testing.assert_array_equal(found.quantile_bounds, [[-np.inf, np.inf]] * 3)
     assert found.count == 0
+
+
+@pytest.mark.parametrize("n", [16, 100, 1000, 20000])
+def test_a_density_has_as_many_bins_as_its_sample_tells(n: int) -> None:
+    """Between Sturges's and what the width of Freedman and Diaconis makes, as numpy's rule has; few for few samples."""
+    values = np.random.default_rng(1).normal(size=n)
+    found = describe(values, None, (0.5,))
+    assert found.pdf.size == np.histogram_bin_edges(values, "auto").size - 1
+    assert np.sum(found.pdf * np.diff(found.edges)) == pytest.approx(1.0)
+
+
+def test_heavy_tails_and_samples_of_one_value_have_bins_too() -> None:
+    values = np.random.default_rng(1).standard_cauchy(100_000)
+    assert describe(values, None, (0.5,)).pdf.size == 200
+    assert 1 <= describe(np.full(50, 3.0), None, (0.5,)).pdf.size <= 10
+    assert describe(np.array([2.0]), None, (0.5,)).pdf.size == 1

@@ -482,10 +482,23 @@ def test_a_turn_that_does_not_lead_back_is_refused() -> None:
 def test_too_few_coordinates_are_refused() -> None:
     """Balls at both ends leave the rod free to turn about itself."""
     loose = 'joints.cross={type="spherical",connect=["slider:hinge","rod:tip"]}'
-    assert refusal(spatial_slider_crank(loose)) == (
+    message = refusal(spatial_slider_crank(loose))
+    assert message.startswith(
         "joints: they leave the rigid mechanism 2 degrees of freedom (18 of its 3 bodies less 16 independent "
-        "constraints), but 1 coordinate was named: theta. Both numbers must be equal"
+        "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can spin idly about the line "
+        'through its ball joints ball and cross: make one of them universal, which holds the spin: joints.cross: type = '
+        '"universal", axis = ['
     )
+    # with what it says the mechanism is sound
+    axes = message.split('type = "universal", ')[1]
+    kinematics_in_space(spatial_slider_crank(loose.replace('"spherical"', f'"universal",{axes}')))
+
+
+def test_a_chain_with_too_few_coordinates_says_which_body_is_loose() -> None:
+    more = 'bodies.hand={mesh="0.0:0.1:1",element="solid3d",material="steel"}'
+    wrist = 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}'
+    message = refusal(arm(more, wrist))
+    assert message.endswith(". hand can move by itself in wrist: name a coordinate for it, or join it otherwise")
 
 
 def test_too_many_coordinates_are_refused() -> None:

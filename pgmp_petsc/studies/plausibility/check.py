@@ -6,7 +6,8 @@ mechanism can have, such as a beam thicker than long or a motion faster than lig
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import chain
 
@@ -22,6 +23,9 @@ from pgmp_petsc.studies.plausibility.parameters import parameter_findings
 from pgmp_petsc.studies.plausibility.settings import setting_findings, unused_findings
 from pgmp_petsc.studies.plausibility.stops import stop_findings
 from pgmp_petsc.studies.plausibility.unit_systems import SI, system_findings, unit_system
+
+SEVERAL, SHOWN = 3, 6  # findings that are told as one, and entries of them that are named
+NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
@@ -59,4 +63,24 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
     if refused:
         raise input_error(refused)
-    return tuple(warning(finding.text) for finding in findings)
+    return tuple(warning(text) for text in _each_once(scene, [finding.text for finding in findings]))
+
+
+def _each_once(scene: Scene, texts: Sequence[str]) -> list[str]:
+    """Return texts that say the same of several names as the first of them, with how many others there are."""
+    names = {*scene.bodies, *scene.materials, *scene.parameters, *scene.joints, *scene.effects, *scene.ground.points}
+    name = re.compile("|".join(rf"\b{re.escape(one)}\b" for one in sorted(names, key=len, reverse=True)) or "$^")
+    alike: dict[str, list[str]] = {}
+    for text in texts:
+        alike.setdefault(NUMBER.sub("#", name.sub("*", text)), []).append(text)
+    said: list[str] = []
+    for own in alike.values():
+        more = f". The same of {len(own) - 1} others: {_entries(own[1:])}"
+        said += [own[0] + more] if len(own) >= SEVERAL else own
+    return said
+
+
+def _entries(texts: Sequence[str]) -> str:
+    """Return the entries that texts begin with, the first few of them."""
+    shown = [re.split(r" = |: ", text, maxsplit=1)[0] for text in texts[:SHOWN]]
+    return ", ".join(shown) + (", ..." if len(texts) > SHOWN else "")

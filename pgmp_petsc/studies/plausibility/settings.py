@@ -3,6 +3,7 @@ nothing."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 
 from pydantic import BaseModel
@@ -12,6 +13,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.references import DEGREES
 from pgmp_petsc.scene.uses import uses_of
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
@@ -20,6 +22,8 @@ FEW_STEPS = 10  # of a run
 MANY_STEPS = 1e7
 STEPS_A_PERIOD = 3  # of a body's first bending; with fewer a motion cannot be told from its alias
 SMALL_RANGE = 1e-3  # rad
+WHOLE_TURN = 2 * math.pi + 1e-3  # rad
+IN_RAD = "Angles are in rad: 90 degrees are 1.5708"
 LARGE_TABLES, LARGEST_TABLES = 16e9, 1e12  # bytes
 BYTES = 8
 Frequency = Callable[[], float | None]
@@ -39,6 +43,22 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
                 "hardly a range; it is in rad, and a run ends where it leaves it",
                 list(coordinate.range),
             )
+        elif high - low > WHOLE_TURN and low % DEGREES == 0.0 == high % DEGREES:
+            turns = f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
+            yield doubt(f"coordinates.{name}.range", turns, list(coordinate.range))
+    for name, body in scene.bodies.items():
+        if (given := body.placement) is None:
+            continue
+        turn = abs(given.angle) if given.rotation is None else math.hypot(*given.rotation)
+        if turn > WHOLE_TURN:
+            key = "angle" if given.rotation is None else "rotation"
+            value = given.angle if given.rotation is None else list(given.rotation)
+            yield doubt(f"bodies.{name}.placement.{key}", f"more than a turn; is it in degrees? {IN_RAD}", value)
+    for name, state in scene.simulation.initial.items():
+        position = state.position
+        if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
+            where = f"simulation.initial.{name}.position"
+            yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
     yield from _tables(scene)
     yield from _without_effect(scene)
     if not scene.outputs:
