@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from typing import TextIO
+
+_OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by terminals, in UTF-8
 
 
 class LastingOutput(io.RawIOBase):
@@ -42,10 +45,11 @@ class LastingOutput(io.RawIOBase):
         return os.isatty(self._descriptor)
 
     def write(self, data: bytes) -> int:
-        """Write what can be written."""
-        if self.failure is None:
+        """Write what can be written; what terminals obey is shown instead, as of `errors.visible`."""
+        rest = _OBEYED.sub(lambda found: b"\\x%02x" % found[0][-1], bytes(data))
+        while rest and self.failure is None:
             try:
-                return os.write(self._descriptor, data)
+                rest = rest[os.write(self._descriptor, rest) :]
             except OSError as error:
                 self.failure = error
         return len(data)
