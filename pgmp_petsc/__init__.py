@@ -51,6 +51,8 @@ __all__ = ["__version__", *_NAMES]
 def __getattr__(name: str) -> Any:
     if name not in _NAMES:
         raise AttributeError(f"module 'pgmp_petsc' has no attribute '{name}'; its interface: {', '.join(_NAMES)}")
+    if _NAMES[name].startswith("api."):
+        import_module("pgmp_petsc.runtime.surroundings").check_variables()
     return getattr(import_module(f"pgmp_petsc.{_NAMES[name]}"), name)
 
 

@@ -8,9 +8,10 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import check_scene, scene_and_meshes
+from pgmp_petsc.api.sources import scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
@@ -64,6 +65,7 @@ class Checked:
         return summary_of_scene(self.scene, self.meshes) | {k: v for k, v in found.items() if v is not None}
 
 
+@checked
 def check(
     scene: Scene | str | PathLike[str],
     *,
@@ -94,7 +96,6 @@ def check(
     """
     comm = solving_ranks_of(comm) if effects or trial else ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_scene(scene)
         texts, settings = overrides_of(overrides), settings_of(parameters)
         target = None if picture is None else Path(picture)
     inputs = () if isinstance(scene, Scene) else (Path(fspath(scene)),)

@@ -8,8 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
-from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ class Contents:
         return tomllib.loads(self.record.scene_toml)
 
 
+@checked
 def contents(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Contents:
     """Return what a result file of any kind holds, as ``pgmp info``. Collective on `comm`.
 
@@ -95,9 +97,6 @@ def contents(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Cont
         If it is no whole result of this program.
     """
     comm = ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not isinstance(path, (str, PathLike)):
-            raise InputError(f"path: {type(path).__name__} received; allowed is the name of a result's file")
     return on_root(comm, _read, Path(path))
 
 

@@ -8,13 +8,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.requests import check_whole
-from pgmp_petsc.api.result import Result, Rom, wrong
-from pgmp_petsc.api.runs import check_names
+from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import Origin, check_rom
+from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -55,6 +55,7 @@ class Robust:
         check_whole("robust.seed", self.seed, 0, LARGEST_SEED)
 
 
+@checked
 def fit(
     rom: Rom | str | PathLike[str],
     measured: str | PathLike[str],
@@ -92,11 +93,7 @@ def fit(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_rom(rom)
-        check_names(names)
         deviations = _deviations(noise or {})
-        if not isinstance(measured, (str, PathLike)):
-            raise wrong("measured", measured, "the name of a CSV file")
         origin = Origin.of(rom, None, overrides, parameters)
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured)) as keeper:
         model = origin.settled(comm)
@@ -105,6 +102,7 @@ def fit(
         return keeper.result(found, origin.directory, model.scene.remarks)
 
 
+@checked
 def optimize(
     rom: Rom | str | PathLike[str],
     goal: str,
@@ -144,12 +142,6 @@ def optimize(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_rom(rom)
-        check_names(names)
-        if isinstance(subject_to, str):
-            raise InputError(f"subject_to = {subject_to!r}: allowed is a list of constraints, such as ['r1 <= 6e-3']")
-        if robust is not None and not isinstance(robust, Robust):
-            raise wrong("robust", robust, "pgmp.Robust(deviations, n, seed)")
         if robust is not None:
             robust.check()
         origin = Origin.of(rom, None, overrides, parameters)
@@ -175,8 +167,6 @@ def _question(
 
 def _deviations(noise: Mapping[str, float]) -> dict[str, float]:
     """Return deviations of noise by output; refuse what is no positive number."""
-    if not isinstance(noise, Mapping):
-        raise wrong("noise", noise, "a mapping of outputs to standard deviations")
     for name, value in noise.items():
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or not 0.0 < value < float("inf"):

@@ -11,17 +11,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked, wrong
 from pgmp_petsc.api.better import Correction, better_models
 from pgmp_petsc.api.keeping import Keeper, keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.requests import Request, Stopping, check_whole
-from pgmp_petsc.api.result import Result, wrong
+from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of
 from pgmp_petsc.api.sources import REDUCED, AnySource, Origin
 from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
@@ -38,13 +40,14 @@ if TYPE_CHECKING:
     from pgmp_petsc.models import FullModel
 
 
+@checked
 def montecarlo(
     source: AnySource,
     n: int | None = None,
     seed: int = 0,
     *,
     sampler: str | None = None,
-    samples: str | PathLike[str] | None = None,
+    samples: str | PathLike[str] | Columns | None = None,
     shard: Shard | None = None,
     correct: Sequence[Correction] = (),
     stopping: Stopping | None = None,
@@ -70,7 +73,8 @@ def montecarlo(
     sampler
         ``random``, ``latin_hypercube``, ``sobol`` or ``saltelli``; otherwise as ``ensemble.sampler`` says.
     samples
-        CSV or HDF5 file that the samples are from, columns named as parameters, SI units.
+        What the samples are from, columns named as parameters, SI units: a CSV or HDF5 file, a DataFrame, or a mapping
+        of names to numbers, of which those of the first rank count.
     shard
         Which part of the samples is integrated alone; `merge` joins the files of all.
     correct
@@ -121,6 +125,7 @@ def montecarlo(
         return _kept(keeper, found, plan, origin, prepared.scene)
 
 
+@checked
 def retry_failed(
     source: AnySource,
     failed: str | PathLike[str],
@@ -156,8 +161,6 @@ def retry_failed(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if not isinstance(failed, (str, PathLike)):
-            raise wrong("failed", failed, "the file of an ensemble")
         _check_keeping(output, resume, ranks_per_sample, model or REDUCED)
         origin = Origin.of(source, model, overrides, parameters)
 
@@ -176,6 +179,7 @@ def retry_failed(
         return _kept(keeper, found, plan, origin, prepared.scene)
 
 
+@checked
 def rare_event(
     source: AnySource,
     event: str,
@@ -216,8 +220,6 @@ def rare_event(
 
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if not isinstance(event, str):
-            raise wrong("event", event, "a text such as 'slider_deformation < -2e-4'")
         check_whole("n", n, 1, MOST_SAMPLES)
         check_whole("seed", seed, 0, LARGEST_SEED)
         origin = Origin.of(source, model, overrides, parameters)
@@ -232,6 +234,7 @@ def rare_event(
         return keeper.result(found, origin.directory, prepared.scene.remarks)
 
 
+@checked
 def merge(
     files: Sequence[str | PathLike[str]],
     *,
@@ -264,7 +267,7 @@ def merge(
 
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if isinstance(files, (str, PathLike)) or not isinstance(files, Sequence) or not files:
+        if not files:
             raise wrong("files", files, "a list of names of shards' files, and not an empty one")
     paths = [Path(file) for file in files]
 

@@ -6,10 +6,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
-from pgmp_petsc.api.result import Rom, wrong
+from pgmp_petsc.api.result import Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import Origin, check_rom
+from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.code.constants import CORRECTIONS, MOST_CORRECTIONS, constants_of, tunable
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
 from pgmp_petsc.code.refusal import checked_scene, left_out
@@ -25,6 +26,7 @@ FMU = ".fmu"
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
 
 
+@checked
 def export_model(
     rom: Rom | str | PathLike[str],
     output: str | PathLike[str],
@@ -54,7 +56,6 @@ def export_model(
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_rom(rom)
         _check(output, fmi)
         origin = Origin.of(rom, None, overrides, parameters)
     target = Path(output)
@@ -91,10 +92,8 @@ def export_model(
     return target
 
 
-def _check(output: object, fmi: int | None) -> None:
+def _check(output: str | PathLike[str], fmi: int | None) -> None:
     """Refuse names that are neither of a folder nor of an FMU."""
-    if not isinstance(output, (str, PathLike)):
-        raise wrong("output", output, "the name of a folder, or of an FMU")
     target = Path(output)
     is_fmu = target.suffix.lower() == FMU
     if target.suffix and not is_fmu:

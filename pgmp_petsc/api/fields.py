@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked, wrong
 from pgmp_petsc.api.ranks import solving_ranks_of
-from pgmp_petsc.api.result import Result, Rom, wrong
+from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import settings_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.results.body_fields import BodyField
 
 
+@checked
 def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: MPI.Comm | None = None) -> dict[str, BodyField]:
     """Return bodies as they are at any instants of a run of a reduced model. Collective on `comm`.
 
@@ -47,9 +49,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: MPI.Comm | No
     from pgmp_petsc.studies.inputs import scene_of_rom
 
     with agreed(comm, "looking at the arguments"):
-        if not isinstance(rom, Rom):
-            raise wrong("rom", rom, "a reduced model, as from pgmp.build or pgmp.read")
-        if not isinstance(run, Result) or run.kind != "trajectory":
+        if run.kind != "trajectory":
             raise wrong("run", run, "a run, as from pgmp.simulate or pgmp.read")
 
     def finding_the_fields() -> dict[str, BodyField]:

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import in_memory
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
     """Read a result file of any kind but a shard: a `Rom`, or a `Result`. Collective on `comm`.
 

@@ -8,9 +8,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
-from pgmp_petsc.api.result import Result, file_of, wrong
+from pgmp_petsc.api.result import Result, file_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
@@ -30,6 +31,7 @@ LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
 ENDINGS = (".mp4", ".gif")
 
 
+@checked
 def animate(
     result: Result | str | PathLike[str],
     output: str | PathLike[str],
@@ -71,8 +73,9 @@ def animate(
     """
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        file = file_of(result, "a trajectory or a reduced model, or its file")
-        _check_arguments(output, mode, field)
+        file = file_of(result)
+        if field is not None and field not in FIELDS:
+            raise InputError(f"field = {field!r}: allowed are {', '.join(FIELDS)}")
         _check_numbers(scale, seconds, fps)
         places = _angles(at or {})
     target = Path(output)
@@ -83,15 +86,6 @@ def animate(
     return target
 
 
-def _check_arguments(output: object, mode: object, field: object) -> None:
-    if not isinstance(output, (str, PathLike)):
-        raise wrong("output", output, "the name of a film, *.mp4 or *.gif")
-    if mode is not None and (isinstance(mode, bool) or not isinstance(mode, int)):
-        raise wrong("mode", mode, "the number of a mode, from 1")
-    if field is not None and field not in FIELDS:
-        raise InputError(f"field = {field!r}: allowed are {', '.join(FIELDS)}")
-
-
 def _check_numbers(scale: float | None, seconds: float | None, fps: float) -> None:
     least, most = MOST_PICTURES
     for name, value, fine, allowed in (
@@ -99,14 +93,12 @@ def _check_numbers(scale: float | None, seconds: float | None, fps: float) -> No
         ("seconds", seconds, lambda x: 0.0 < x <= LONGEST, f"above 0 and at most {LONGEST:g} s"),
         ("fps", fps, lambda x: least <= x <= most, f"from {least:g} to {most:g}"),
     ):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not fine(value)):
+        if value is not None and not fine(value):
             raise InputError(f"{name} = {value!r}: allowed are numbers {allowed}")
 
 
-def _angles(at: object) -> dict[str, float]:
+def _angles(at: Mapping[str, float]) -> dict[str, float]:
     """Return the coordinates of a configuration."""
-    if not isinstance(at, Mapping):
-        raise wrong("at", at, "angles (rad) by the names of coordinates, such as {'theta': 0.5}")
     for name, angle in at.items():
         if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
             raise InputError(f"at[{name!r}] = {angle!r}: allowed is an angle (rad), a finite number")

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ensembles import montecarlo
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.models import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.requests import check_whole
-from pgmp_petsc.api.result import wrong
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
 from pgmp_petsc.bodies.shape import BodyShape
@@ -68,6 +68,7 @@ class Done:
     failures: tuple[str, ...]
 
 
+@checked
 def run(
     scene: str | PathLike[str],
     folder: str | PathLike[str] | None = None,
@@ -108,8 +109,6 @@ def run(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if not isinstance(scene, (str, PathLike)):
-            raise wrong("scene", scene, "the name of a scene's file")
         check_whole("n", n, 1, MOST_SAMPLES)
         check_whole("seed", seed, 0, LARGEST_SEED)
         texts, settings = overrides_of(overrides), settings_of(parameters)

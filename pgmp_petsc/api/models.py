@@ -6,11 +6,12 @@ from dataclasses import replace
 from os import PathLike, fspath
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import check_scene, directory_of, scene_and_meshes
+from pgmp_petsc.api.sources import directory_of, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def build(
     scene: Scene | str | PathLike[str],
     *,
@@ -56,7 +58,6 @@ def build(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_scene(scene)
         if resume and output is None:
             raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")
         texts, settings = overrides_of(overrides), settings_of(parameters)

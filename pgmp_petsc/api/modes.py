@@ -5,12 +5,13 @@ from __future__ import annotations
 from os import PathLike, fspath
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell_remarks
 from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import check_rom, check_scene, directory_of, model_of_rom, scene_and_meshes
+from pgmp_petsc.api.sources import directory_of, model_of_rom, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 MOST_ANGLES = 10**6
 
 
+@checked
 def frequencies(
     scene: Scene | str | PathLike[str],
     *,
@@ -58,9 +60,6 @@ def frequencies(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_scene(scene)
-        if rom is not None:
-            check_rom(rom)
         if angles is not None:
             check_whole("angles", angles, 2, MOST_ANGLES)
         texts, settings = overrides_of(overrides), settings_of(parameters)

@@ -7,14 +7,16 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked, wrong
 from pgmp_petsc.api.ranks import ranks_of, tell
-from pgmp_petsc.api.result import Result, wrong
+from pgmp_petsc.api.result import Result
 from pgmp_petsc.runtime.agreement import agreed, on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def write_report(
     results: Sequence[Result | str | PathLike[str]], path: str | PathLike[str], *, comm: MPI.Comm | None = None
 ) -> Path:
@@ -38,11 +40,8 @@ def write_report(
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if isinstance(results, (str, PathLike, Result)) or not isinstance(results, Sequence) or not results:
+        if not results:
             raise wrong("results", results, "a list of results or of names of files, and not an empty one")
-        for result in results:
-            if not isinstance(result, (str, PathLike, Result)):
-                raise wrong("results", result, "a result, or the name of a file")
     path, files = Path(path), []
     for number, result in enumerate(results, 1):
         if not isinstance(result, Result):

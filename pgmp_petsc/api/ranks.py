@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, visible
 from pgmp_petsc.runtime.installed import alone, has_petsc, is_communicator
 from pgmp_petsc.runtime.petsc import petsc_runs, start_mpi, start_petsc
 
@@ -90,7 +90,7 @@ def untold() -> Iterator[None]:
 def tell(comm: MPI.Comm, text: str) -> None:
     """Log what a command would print, on the first rank; not collective."""
     if comm.rank == 0 and text:
-        LOGGER.info("%s", text, extra={ABOUT: WAY})
+        LOGGER.info("%s", visible(text), extra={ABOUT: WAY})
 
 
 def tell_remarks(comm: MPI.Comm, remarks: Iterable[Remark], about: str = SCENE) -> None:
@@ -98,4 +98,4 @@ def tell_remarks(comm: MPI.Comm, remarks: Iterable[Remark], about: str = SCENE) 
     if comm.rank == 0:
         for remark in remarks:
             level = logging.WARNING if remark.kind == "warning" else logging.INFO
-            LOGGER.log(level, "%s", remark, extra={ABOUT: about, REMARK: remark})
+            LOGGER.log(level, "%s", visible(str(remark)), extra={ABOUT: about, REMARK: remark})

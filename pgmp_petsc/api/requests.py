@@ -8,10 +8,9 @@ from os import PathLike
 from pathlib import Path
 
 from pgmp_petsc.api.better import Correction, in_order
-from pgmp_petsc.api.result import wrong
 from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.rules import read_rule
-from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
@@ -68,7 +67,7 @@ class Request:
     n: int | None
     seed: int
     sampler: str | None
-    samples: Path | None
+    samples: Path | Columns | None
     shard: Shard | None
     correct: Sequence[Correction]
     stopping: Stopping
@@ -80,16 +79,16 @@ class Request:
         n: int | None,
         seed: int,
         sampler: str | None,
-        samples: str | PathLike[str] | None,
+        samples: str | PathLike[str] | Columns | None,
         shard: Shard | None,
         correct: Sequence[Correction],
         stopping: Stopping | None,
         model: str,
     ) -> Request:
         """Return what the arguments of a call ask for; refuse what does not fit together."""
-        _check_kinds(shard, correct, stopping)
+        _check_shard(shard)
         found = cls(
-            n, seed, sampler, None if samples is None else Path(samples), shard, tuple(correct),
+            n, seed, sampler, Path(samples) if isinstance(samples, (str, PathLike)) else samples, shard, tuple(correct),
             stopping or Stopping(), model,
         )  # fmt: skip
         found._check()
@@ -118,7 +117,7 @@ class Request:
             )
         if self.samples is not None and self.sampler is not None:
             raise InputError(
-                f"--sampler {self.sampler}: the samples are those of --samples {self.samples}; give one of them"
+                f"--sampler {self.sampler}: the samples are those of {called(self.samples)}; give one of them"
             )
         self._check_decisions()
 
@@ -163,11 +162,11 @@ class Request:
             name = setting.partition("=")[0].strip()
             if name in file.values:
                 raise InputError(
-                    f"--set {setting}: every sample takes '{name}' from --samples {self.samples}; leave one of them out"
+                    f"--set {setting}: every sample takes '{name}' from {called(self.samples)}; leave one of them out"
                 )
         if isinstance(model, ReducedModel):
-            refuse_beyond(model.served, file.values, f"--samples {self.samples}")
-            said = outside_of(model.served, file.values, f"--samples {self.samples}")
+            refuse_beyond(model.served, file.values, called(self.samples))
+            said = outside_of(model.served, file.values, called(self.samples))
             file = replace(file, remarks=(*file.remarks, *said))
         return file
 
@@ -216,14 +215,8 @@ def check_whole(name: str, value: object, least: int, most: int) -> None:
         raise InputError(f"{name} = {value!r}: allowed are whole numbers from {least} to {most}")
 
 
-def _check_kinds(shard: object, correct: object, stopping: object) -> None:
-    """Refuse groups of options that are something else."""
-    if shard is not None and not isinstance(shard, Shard):
-        raise wrong("shard", shard, "pgmp.Shard(number, count), such as pgmp.Shard(2, 8)")
-    if stopping is not None and not isinstance(stopping, Stopping):
-        raise wrong("stopping", stopping, "pgmp.Stopping(until, budget)")
-    if not isinstance(correct, (list, tuple)) or not all(isinstance(one, Correction) for one in correct):
-        raise wrong("correct", correct, "a list of pgmp.Correction(model, n)")
+def _check_shard(shard: Shard | None) -> None:
+    """Refuse a shard that is none of its number."""
     if shard is not None:
         whole = all(isinstance(value, int) for value in (shard.number, shard.count))
         if not whole or not 1 <= shard.number <= shard.count:

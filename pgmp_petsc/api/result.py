@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
+from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed, form_of, is_table, named
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -39,6 +42,26 @@ class Result:
 
     def __init__(self, kind: str, data: Any, comm: MPI.Comm, directory: Path, path: Path | None = None) -> None:
         self.kind, self.data, self.comm, self.directory, self.path = kind, data, comm, directory, path
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: all but the ranks, which are of this process, with columns that are in a file."""
+        return {**self.__dict__, "comm": None, "data": self._in_memory()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what was pickled, on the ranks that calls here have by default."""
+        self.__dict__.update(state)
+        self.comm = ranks_of(None)
+
+    def __copy__(self) -> Self:
+        return type(self)(self.kind, self.data, self.comm, self.directory, self.path)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return type(self)(self.kind, deepcopy(self._in_memory(), memo), self.comm, self.directory, self.path)
+
+    def _in_memory(self) -> Any:
+        from pgmp_petsc.api.keeping import in_memory  # which makes results
+
+        return None if self.data is None else in_memory(self.data)
 
     def _own(self) -> Any:
         """Return what the attributes are of."""
@@ -98,6 +121,7 @@ class Result:
 
         return dataset_of(self)
 
+    @checked
     def write(self, path: str | PathLike[str]) -> Path:
         """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
 
@@ -150,23 +174,10 @@ class StoppedRun(RunError):
         self.result = result
 
 
-def file_of(result: object, allowed: str) -> Path:
-    """Return the file of a result, or of its name.
-
-    Raises
-    ------
-    InputError
-        If it is neither, `allowed` saying what is, or was not written yet.
-    """
-    if not isinstance(result, (Result, str, PathLike)):
-        raise wrong("result", result, allowed)
+def file_of(result: Result | str | PathLike[str]) -> Path:
+    """Return the file of a result, or of its name; raises `InputError` if it was not written yet."""
     if not isinstance(result, Result):
         return Path(result)
     if result.path is None:
         raise InputError(f"result: {named(result.kind)} without a file; write it first: result.write('NAME.h5')")
     return Path(result.path)
-
-
-def wrong(what: str, received: object, allowed: str) -> InputError:
-    """Return the error of an argument of another kind."""
-    return InputError(f"{what}: {type(received).__name__} received; allowed is {allowed}")

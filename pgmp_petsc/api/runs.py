@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import AnySource, Origin, check_rom
+from pgmp_petsc.api.sources import AnySource, Origin
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 from pgmp_petsc.studies.simulate import simulate as simulated
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def simulate(
     source: AnySource,
     parameters: Parameters | None = None,
@@ -75,6 +76,7 @@ def simulate(
     return run
 
 
+@checked
 def sensitivities(
     rom: Rom | str | PathLike[str],
     names: Sequence[str] = (),
@@ -108,15 +110,7 @@ def sensitivities(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_rom(rom)
-        check_names(names)
         origin = Origin.of(rom, None, overrides, parameters)
     with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,)) as keeper:
         model = origin.settled(comm)
         return keeper.result(differentiated(model, tuple(names), comm), origin.directory, model.scene.remarks)
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Refuse a name where a list of names is needed."""
-    if isinstance(names, str):
-        raise InputError(f"names = {names!r}: allowed is a list of parameters' names, such as [{names!r}]")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of, tell_remarks
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -18,10 +19,11 @@ from pgmp_petsc.scene.messages import inline_toml
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-Overrides = Mapping[str, object] | Sequence[str]
+Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
 
 
+@checked
 def load(
     path: str | PathLike[str],
     overrides: Overrides = (),
@@ -55,6 +57,7 @@ def load(
     return found
 
 
+@checked
 def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: MPI.Comm | None = None) -> Scene:
     """Return the scene of tables as a TOML file has them. Collective on `comm`; those of the first rank count.
 
@@ -74,8 +77,6 @@ def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, 
     comm = ranks_of(comm)
 
     def composing_the_scene() -> Scene:
-        if not isinstance(tables, Mapping):
-            raise InputError(f"the scene: {type(tables).__name__} received; allowed is a mapping of tables")
         return scene_from_tables(plain(tables), Path(directory))
 
     found = on_root(comm, composing_the_scene)
@@ -96,10 +97,12 @@ def changed(scene: Scene, overrides: Overrides, parameters: Parameters | None) -
 
 
 def overrides_of(overrides: Overrides) -> tuple[str, ...]:
-    """Return overrides as a command takes them; raises `InputError` where they are something else."""
+    """Return overrides as a command takes them, none for None; raises `InputError` where they are something else."""
+    if overrides is None:
+        return ()
     if isinstance(overrides, Mapping):
         return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
-    if isinstance(overrides, str) or not all(isinstance(text, str) for text in overrides):
+    if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
         raise InputError(
             f"overrides = {overrides!r}: allowed are a mapping such as {{'reduction.modes': 8}}, or a list of texts "
             "such as ['reduction.modes=8']"

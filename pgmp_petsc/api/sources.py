@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.ranks import tell, tell_remarks
-from pgmp_petsc.api.result import Rom, wrong
+from pgmp_petsc.api.result import Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters, changed, overrides_of, settings_of
 from pgmp_petsc.models import Model
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -137,18 +137,6 @@ def directory_of(source: AnySource) -> Path:
     return source.directory if isinstance(source, (Rom, Scene)) else Path(source).parent
 
 
-def check_scene(scene: object) -> None:
-    """Refuse what is neither a scene nor the name of its file."""
-    if not isinstance(scene, (Scene, str, PathLike)):
-        raise wrong("scene", scene, "a scene, as from pgmp.load or pgmp.compose, or its file")
-
-
-def check_rom(rom: object) -> None:
-    """Refuse what is neither a reduced model nor the name of its file."""
-    if not isinstance(rom, (Rom, str, PathLike)):
-        raise wrong("rom", rom, "a reduced model, as from pgmp.build or pgmp.read, or its file")
-
-
 def _check_model(source: object, name: str | None) -> None:
     """Refuse models that a source does not have."""
     if isinstance(source, Rom):
@@ -162,8 +150,6 @@ def _check_model(source: object, name: str | None) -> None:
     if isinstance(source, (str, PathLike)):
         if name not in (None, REDUCED, *PURPOSES):
             raise InputError(f"model = {name!r}: allowed are 'reduced' of the file of one, {known} of a scene's")
-    elif not isinstance(source, Scene):
-        raise wrong("source", source, "a reduced model (pgmp.build, pgmp.read), a scene (pgmp.load), or a file")
     elif name not in PURPOSES:
         raise InputError(
             f"model = {name!r}: of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"

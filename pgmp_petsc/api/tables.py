@@ -6,9 +6,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell
-from pgmp_petsc.api.result import Result, file_of, wrong
+from pgmp_petsc.api.result import Result, file_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.runtime.errors import InputError
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def export_result(
     result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: MPI.Comm | None = None
 ) -> Path:
@@ -40,9 +42,7 @@ def export_result(
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        file = file_of(result, "a result, as from pgmp.simulate or pgmp.read, or its file")
-        if not isinstance(output, (str, PathLike)):
-            raise wrong("output", output, "the name of a file *.xdmf or *.csv")
+        file = file_of(result)
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from os import PathLike, fspath
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import check_scene, directory_of, scene_and_meshes
+from pgmp_petsc.api.sources import directory_of, scene_and_meshes
 from pgmp_petsc.ensemble.batch import MOST_SAMPLES
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+@checked
 def tradeoff(
     scene: Scene | str | PathLike[str],
     *,
@@ -59,7 +61,6 @@ def tradeoff(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        check_scene(scene)
         check_whole("n", n, 1, MOST_SAMPLES)
         if resume and output is None:
             raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")

@@ -9,6 +9,7 @@ free                 rigid motions R have no stiffness: eigenvalues of ``R^T K R
                      the slowest polynomial field, frequencies of them below 1e-3; those that have are counted
 in one piece         nodes hang together by entries of K
 mass properties      as the scene states them
+nodes                span the plane, or space
 ==================== ====================================================================================
 
 Whether K is positive, and whether anything but rigid motion is free, takes a factorisation: it is found out where
@@ -25,16 +26,31 @@ from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.matrices import Stated
 
 SYMMETRIC = 1e-9  # of the largest entry
 ALIKE = 1e-8  # of the largest entry: masses along two axes
+FLATTEST = 1e-6  # extent across to that along, of a body
 FREE = 1e-6  # of the eigenvalue of the slowest polynomial field
 SAFETY = 10.0  # times the round-off of sums that cancel
 PENALTY = 1e30  # of Abaqus' 1e36 on the diagonal where displacements are prescribed
 DENSE = 100  # nodes up to which all eigenvalues are as quick
 AXES = "xyz"
+
+
+def check_places(nodes: np.ndarray, received: str) -> None:
+    """Refuse nodes (n, d) that all lie in one place, on a line, or (in space) in a plane: no solid has such ones, and
+    what is turned about them has no inertia."""
+    d, extents = nodes.shape[1], np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)
+    n_wide = int((extents > max(FLATTEST * extents[0], RELATIVE_TOLERANCE * np.abs(nodes).max())).sum())
+    if n_wide < d:
+        where = ("in one place", "on a line", "in a plane")[n_wide]
+        raise InputError(
+            f"{received}: all {len(nodes)} nodes lie {where}; those of a solid{d}d body span "
+            f"{'a plane' if d == 2 else 'space'}: check the file's columns and its unit"
+        )
 
 
 def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:

@@ -9,6 +9,7 @@ from pgmp_petsc.bodies.assembled_checks import (
     check_diagonal,
     check_free,
     check_mass,
+    check_places,
     check_stated,
     made_symmetric,
 )
@@ -32,6 +33,7 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
         key: shortened(f'{entry}.{key} = "{getattr(given, key)}"') for key in ("nodes", "rows", "stiffness", "mass")
     }
     file = read_nodes(scene.path_of(given.nodes), d, received["nodes"])
+    check_places(file.nodes, received["nodes"])
     rows = None if given.rows is None else read_rows(scene.path_of(given.rows), received["rows"])
     length, mass, time = (given.units.in_si(key) for key in ("length", "mass", "time"))
     nodes, found = length * file.nodes, {}

@@ -17,6 +17,7 @@ from click.shell_completion import CompletionItem
 
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.runtime.surroundings import check_variables
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class LazyGroup(click.Group):
         session = ctx.find_object(Session)
         if ctx.resilient_parsing:
             return command.load()  # a shell asks for what may follow: nothing runs
+        check_variables()
         if command.uses_petsc and session is not None:
             session.start_petsc()
         elif session is not None and session.petsc_options:

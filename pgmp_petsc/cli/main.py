@@ -22,7 +22,7 @@ from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
+from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
 from pgmp_petsc.runtime.progress import beating
@@ -137,7 +137,7 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
         plain = plain_reason(error)
         status, message = 1, traceback.format_exc() if plain is None else f"pgmp: error: {plain}"
     where = f"pgmp: rank {comm.rank}:\n" if comm.size > 1 else ""
-    print(f"{where}{message.rstrip()}", file=sys.stderr, flush=True)
+    print(f"{where}{visible(message.rstrip())}", file=sys.stderr, flush=True)
     if comm.size > 1:
         comm.Abort(status)
     return status, None
@@ -172,7 +172,7 @@ def _warn(session: Session, status: int) -> None:
     if session.petsc_started and status != InputError.exit_status:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:
-            print(f"pgmp: warning: {unused_remark(names)}", file=sys.stderr, flush=True)
+            print(f"pgmp: warning: {visible(unused_remark(names))}", file=sys.stderr, flush=True)
     # a command that computes nothing never loaded numba
     compiled = sys.modules.get("pgmp_petsc.runtime.compiled")
     problem = None if compiled is None else compiled.cache_problem()
@@ -189,7 +189,7 @@ def _usage_message(error: click.ClickException) -> str:
         known = [name for name in names if name.startswith("-")]
         message = f"no option '{error.option_name}'{nearest_name(error.option_name, known)}"
     help_command = f" (see '{context.command_path} --help')" if context is not None else ""
-    return f"{message.rstrip('.')}{help_command}"
+    return visible(f"{message.rstrip('.')}{help_command}")
 
 
 def _close(closing: MPI.Comm, status: int, message: str | None) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import visible
 from pgmp_petsc.runtime.remarks import Remark
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def say(context: click.Context, text: str) -> None:
 def say_warning(context: click.Context, remark: Remark) -> None:
     """Print a warning on standard error on rank 0 where the session is quiet; not collective."""
     if context.obj.quiet and context.obj.comm.rank == 0 and remark.kind == "warning":
-        click.echo(f"pgmp: {remark}", err=True)
+        click.echo(visible(f"pgmp: {remark}"), err=True)
 
 
 def remark_lines(record: RunRecord, said: Sequence[Remark] = ()) -> list[str]:

@@ -18,6 +18,7 @@ from pgmp_petsc.results.ensemble import DESCRIBED
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 
 OPTION = "--until"
 EXAMPLES = "'std(angle) < 1 %', 'mean(angle) +- 1e-4' or 'P(deformation < -1.5e-4) +- 0.002'"
@@ -124,9 +125,11 @@ class _Reader:
         return name
 
     def _number(self) -> float:
-        number = self._take("number")
+        place, number = self._place, self._take("number")
         if number is None:
             self._refuse("a number")
+        if float(number) and not SMALLEST <= abs(float(number)) <= LARGEST:
+            self._refuse(f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g}", place)
         return float(number)
 
     def _sign(self, *allowed: str) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +24,16 @@ from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.scene.uses import stop_ends
 
 OPTION = "--samples"
+Columns = Mapping[str, np.ndarray]  # numbers (N,) by parameter, of a program's own
 
 
-def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
-    """Read the first `n_samples` samples of a file, or all. By one process.
+def called(samples: Path | Columns | None) -> str:
+    """Return what messages call samples: the option with its file, or a program's argument."""
+    return f"{OPTION} {samples}" if isinstance(samples, Path) else "samples"
+
+
+def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> SampleFile:
+    """Read the first `n_samples` samples of a file, or of columns, or all. By one process.
 
     Raises
     ------
@@ -35,26 +41,41 @@ def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
         If the file cannot be read, lacks the column of an uncertain parameter, has fewer samples, or one that is no
         finite number within the parameter's bounds, with its line.
     """
+    where = called(path)
+    if not isinstance(path, Path):
+        content = hashlib.sha256()
+        columns, lines, others = _of_columns(path, scene, where)
+        for name, values in columns.items():
+            content.update(name.encode() + b"\0" + values.tobytes())
+        return _checked(Path("samples"), columns, lines, others, content.hexdigest(), scene, n_samples, where, "sample")
     import h5py
 
     try:
         if not path.is_file():
-            raise InputError(f"{OPTION} {path}: there is no such file; a CSV or HDF5 file of samples is needed")
+            raise InputError(f"{where}: there is no such file; a CSV or HDF5 file of samples is needed")
         is_hdf5 = h5py.is_hdf5(path)
         columns, lines, others = _of_hdf5(path, scene) if is_hdf5 else _of_csv(path, scene)
         with open(path, "rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
     except (OSError, UnicodeDecodeError, csv.Error, RuntimeError) as error:
-        raise InputError(f"{OPTION} {path}: it cannot be read as CSV or HDF5: {error}") from error
+        raise InputError(f"{where}: it cannot be read as CSV or HDF5: {error}") from error
+    place = "sample" if is_hdf5 else "line"
+    return _checked(path, columns, lines, others, content, scene, n_samples, where, place)
+
+
+def _checked(
+    path: Path, columns: Mapping[str, np.ndarray], lines: np.ndarray, others: Sequence[str], content: str, scene: Scene,
+    n_samples: int | None, where: str, place: str,
+) -> SampleFile:  # fmt: skip
+    """Return the samples that are wanted; raises `InputError` where there are too few, or one is wrong."""
     n = min(map(len, columns.values()))
     if n_samples is not None and n_samples > n:
-        raise InputError(f"-n {n_samples}: {OPTION} {path} has {n} samples; give at most so many, or leave -n out")
+        raise InputError(f"-n {n_samples}: {where} has {n} samples; give at most so many, or leave -n out")
     n = n if n_samples is None else n_samples
     columns, lines = {name: values[:n] for name, values in columns.items()}, lines[:n]
-    place = "sample" if is_hdf5 else "line"
     problems = []
     for problem in _problems(columns, lines, scene, place):
-        problems.append(f"{OPTION} {path}: {problem}")
+        problems.append(f"{where}: {problem}")
         if len(problems) > MAX_LINES:
             break
     if problems:
@@ -68,7 +89,7 @@ def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray
     with open(path, encoding="utf-8-sig", newline="") as stream:
         units = {name: parameter.unit for name, parameter in scene.parameters.items()}
         names, rows = csv_table(stream, f"{OPTION} {path}", units)
-        used = _used(path, names, scene)
+        used = _used(f"{OPTION} {path}", names, scene)
         places = [names.index(name) for name in used]
         values: list[list[float]] = []
         lines = []
@@ -95,7 +116,7 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
 
     with h5py.File(path, "r") as file:
         group = file["parameters"] if isinstance(file.get("parameters"), h5py.Group) else file
-        used = _used(path, [name for name, item in group.items() if isinstance(item, h5py.Dataset)], scene)
+        used = _used(f"{OPTION} {path}", [name for name, item in group.items() if isinstance(item, h5py.Dataset)], scene)
         columns = {}
         for name in used:
             data = group[name]
@@ -103,26 +124,39 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
                 what = f"has shape {data.shape} and type {data.dtype}; numbers of shape (N,) are needed"
                 raise InputError(f"{OPTION} {path}: data set '{data.name}' {what}")
             columns[name] = np.asarray(data[()], dtype=float)
+    _check_lengths(columns, f"{OPTION} {path}")
+    return columns, np.arange(len(columns[used[0]])), []
+
+
+def _of_columns(given: Columns, scene: Scene, where: str) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+    """Return the columns of parameters, the number of each sample, and the names of columns without a part."""
+    used = _used(where, list(given), scene)
+    columns = {name: np.asarray(given[name], dtype=float) for name in used}
+    _check_lengths(columns, where)
+    return columns, np.arange(len(columns[used[0]])), [name for name in given if name not in used]
+
+
+def _check_lengths(columns: Mapping[str, np.ndarray], where: str) -> None:
+    """Refuse columns of several lengths, and without numbers."""
     lengths = {name: len(values) for name, values in columns.items()}
-    if len(set(lengths.values())) > 1:
+    if len(set(lengths.values())) > 1 or 0 in lengths.values():
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"{OPTION} {path}: columns differ in length: {found}")
-    return columns, np.arange(max(lengths.values())), []
+        raise InputError(f"{where}: columns {'differ in length' if len(set(lengths.values())) > 1 else 'are empty'}: {found}")
 
 
-def _used(path: Path, names: list[str], scene: Scene) -> list[str]:
+def _used(where: str, names: list[str], scene: Scene) -> list[str]:
     """Return the columns that are parameters of the scene; all uncertain ones must be there."""
     for name in uncertain_names(scene):
         if name not in names:
             hint = nearest_name(name, names) if names else "; it has none at all"
-            raise InputError(f"{OPTION} {path}: there is no column '{name}', an uncertain parameter{hint}")
+            raise InputError(f"{where}: there is no column '{name}', an uncertain parameter{hint}")
     used = [name for name in dict.fromkeys(names) if name in scene.parameters]
     if not used:
         known = nearest_name("", scene.parameters)
-        raise InputError(f"{OPTION} {path}: none of its columns is a parameter of the scene{known}")
+        raise InputError(f"{where}: none of its columns is a parameter of the scene{known}")
     for name in used:
         if names.count(name) > 1:
-            raise InputError(f"{OPTION} {path}: {names.count(name)} columns are called '{name}'; one is needed")
+            raise InputError(f"{where}: {names.count(name)} columns are called '{name}'; one is needed")
     return used
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
@@ -145,11 +145,11 @@ def _line_cells(mesh: meshio.Mesh, received: str, dimension: int) -> np.ndarray:
 def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension: int) -> np.ndarray:
     """Return the used nodes after checking that all are finite and, in two dimensions, in the plane z = 0."""
     points = file_points[used]
-    finite = np.isfinite(points).all(axis=1)
+    finite = (np.abs(points) < FARTHEST).all(axis=1)
     if not finite.all():
         where = int(np.flatnonzero(~finite)[0])
         raise InputError(
-            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers are needed"
+            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers below {FARTHEST:g} are needed"
         )
     if dimension == 3:
         places = np.zeros((len(points), 3))

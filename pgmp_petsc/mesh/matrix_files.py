@@ -14,7 +14,6 @@ Abaqus             lines of five numbers (row's node, direction, column's node, 
 from __future__ import annotations
 
 import io
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from pgmp_petsc.runtime.errors import InputError
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")
 KINDS = "Matrix Market, npz of SciPy, Harwell-Boeing, and Abaqus' formats MATRIX INPUT, LABELS and COORDINATE"
+SPARSEST = 1000  # rows to an entry; a stiffness has several entries to a row
 HEAD = 4096  # bytes that tell the format
 
 
@@ -92,9 +92,7 @@ def _read(path: Path, received: str) -> MatrixFile:
     if head.startswith(ZIP):
         return MatrixFile(_from_npz(path, received))
     if head.lower().startswith(MATRIX_MARKET):
-        from scipy.io import mmread
-
-        return MatrixFile(sp.csr_matrix(mmread(path), dtype=None))
+        return MatrixFile(_from_matrix_market(path))
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     if is_harwell_boeing(lines[:4]):
         return MatrixFile(_whole(read_harwell_boeing(lines)))
@@ -109,13 +107,37 @@ def _read(path: Path, received: str) -> MatrixFile:
 
 def _from_npz(path: Path, received: str) -> sp.csr_matrix:
     """Read what ``scipy.sparse.save_npz`` wrote."""
-    with zipfile.ZipFile(path) as archive:
-        names = [name.removesuffix(".npy") for name in archive.namelist()]
-    if "format" not in names:
-        raise InputError(
-            f"{received}: an npz file with the arrays {', '.join(names)}; what scipy.sparse.save_npz writes is needed"
-        )
-    return sp.csr_matrix(sp.load_npz(path))
+    with np.load(path, allow_pickle=False) as file:
+        if "format" not in file:
+            names = ", ".join(file.files)
+            raise InputError(f"{received}: an npz file with the arrays {names}; what scipy.sparse.save_npz writes is needed")
+        for name in ("row", "col"):  # SciPy would cut them to 32 bits
+            if name in file and file[name].max(initial=0) >= max(file["shape"]):
+                raise ValueError(f"{name} numbers beyond its sizes")
+    matrix = sp.load_npz(path)
+    if hasattr(matrix, "check_format"):  # what has pointers; SciPy looks at them when asked, and reads anywhere else
+        matrix.check_format(full_check=True)
+    _check_size(matrix)
+    return sp.csr_matrix(matrix)
+
+
+def _from_matrix_market(path: Path) -> sp.csr_matrix:
+    """Read what SciPy's reader takes, which never ends where a file ends before the line of its sizes."""
+    from scipy.io import mmread
+
+    with path.open("rb") as file:
+        if not any(line.strip() and not line.startswith(b"%") for line in file):
+            raise ValueError("it ends before the line of its sizes")
+    matrix = mmread(path)
+    _check_size(matrix)
+    return sp.csr_matrix(matrix)
+
+
+def _check_size(matrix: sp.spmatrix | np.ndarray) -> None:
+    """Refuse more rows or columns than memory may hold that entries are spread over: a damaged size, or number."""
+    n = matrix.nnz if sp.issparse(matrix) else matrix.size
+    if max(matrix.shape) > SPARSEST * (n + 1):
+        raise ValueError(f"{' by '.join(map(str, matrix.shape))} are its sizes, and it has {n} entries")
 
 
 def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
@@ -143,6 +165,7 @@ def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
 
 def _whole(entries: sp.coo_matrix) -> sp.csr_matrix:
     """Return a matrix from its entries, of which one triangle will do."""
+    _check_size(entries)
     matrix = entries.tocsr()
     if (entries.row >= entries.col).all() or (entries.row <= entries.col).all():
         return matrix + matrix.T - sp.diags(matrix.diagonal(), format="csr")

@@ -33,6 +33,7 @@ pickle.dump(found, out)
 """
 #: Lengths below this share of the mesh's extent count as zero (round-off of 12-digit coordinates).
 RELATIVE_TOLERANCE = 1e-12
+FARTHEST = 1e15  # of a coordinate, in any unit; third powers and more of it are still finite
 MAX_REASON = 200  # characters of meshio's reason
 
 

@@ -16,7 +16,7 @@ from pgmp_petsc.mesh.cell_checks import check_cells, shown
 from pgmp_petsc.mesh.face_groups import named_groups
 from pgmp_petsc.mesh.msh_groups import complete_physical_groups
 from pgmp_petsc.mesh.node_order import renumbered
-from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, shortened
@@ -140,10 +140,11 @@ def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str
 def coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray:
     """Return the coordinates in the plane or in space after checking that they are finite and in the plane z = 0."""
     points = np.asarray(points, dtype=float)
-    strange = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    strange = np.flatnonzero(~(np.abs(points) < FARTHEST).all(axis=1))
     if strange.size:
+        what = f"beyond {FARTHEST:g}" if np.isfinite(points).all() else "not finite"
         raise InputError(
-            f"{received}: {strange.size} of {len(points)} nodes have coordinates that are not finite; the first is "
+            f"{received}: {strange.size} of {len(points)} nodes have coordinates that are {what}; the first is "
             f"node {strange[0]} at {points[strange[0]].tolist()}; finite numbers are needed"
         )
     off_plane = np.abs(points[:, dimension:]).max(axis=1, initial=0.0)

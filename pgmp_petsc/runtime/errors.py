@@ -6,12 +6,23 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 LONGEST_QUOTE = 300  # characters of what was received, in a message
+#: What a terminal obeys instead of showing it, and signs that turn the direction of what follows.
+_OBEYED = {*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)} - {ord("\n"), ord("\t")}
+_SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code in _OBEYED}
+
+
+def visible(text: str) -> str:
+    """Return a text with control characters as escapes: names of files, scenes and meshes are written by anyone."""
+    return text.translate(_SHOWN)
 
 
 class PgmpError(Exception):
     """Base of every error that a user is meant to read; never shown with a traceback."""
 
     exit_status = 1
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*(visible(part) if isinstance(part, str) else part for part in parts))
 
 
 class InputError(PgmpError):

@@ -10,15 +10,15 @@ import ctypes
 import os
 import signal
 import sys
-import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.installed import alone, has_mpi, has_petsc, needs_petsc, refuse_ranks
+from pgmp_petsc.runtime.surroundings import check_working_folder, held_back_stderr, open_standard_streams
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -60,8 +60,11 @@ def start_mpi() -> MPI.Comm:
     Raises
     ------
     InputError
-        If several processes were started together, and there is no mpi4py.
+        If several processes were started together, and there is no mpi4py, or the working directory is gone.
     """
+    open_standard_streams()
+    if "mpi4py.MPI" not in sys.modules:
+        check_working_folder()
     if not has_mpi():
         refuse_ranks()
         return alone()
@@ -108,7 +111,7 @@ def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> 
 
     said = ""
     try:
-        with _held_back_stderr() as printed:
+        with held_back_stderr() as printed:
             try:
                 petsc4py.init(words, comm=comm)
             except RuntimeError:
@@ -124,32 +127,6 @@ def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> 
         # PETSc ends the process with a page when a reader of its output has gone (`pgmp ... | head`); Python says so
         # where it writes, and what the run was for goes on
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-
-
-@contextmanager
-def _held_back_stderr() -> Iterator[Callable[[], str]]:
-    """Hold back what C prints to standard error in the block, and print it at its end unless it was read.
-
-    PETSc prints a page where it does not start; it knows no other way then to say what is wrong.
-    """
-    sys.stderr.flush()
-    kept, read = os.dup(2), False
-    with tempfile.TemporaryFile() as file:
-
-        def printed() -> str:
-            nonlocal read
-            read = True
-            file.seek(0)
-            return file.read().decode(errors="replace")
-
-        os.dup2(file.fileno(), 2)
-        try:
-            yield printed
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            if not read:
-                os.write(2, printed().encode())
 
 
 def _printed_reason(text: str) -> str:

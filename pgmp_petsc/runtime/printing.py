@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from typing import TextIO
 
 from pgmp_petsc.runtime.progress import clear_beat
+
+_OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by terminals, in UTF-8
+
 
 class LastingOutput(io.RawIOBase):
     """Writes to a file descriptor until that fails, and swallows what comes after.
@@ -43,11 +47,13 @@ class LastingOutput(io.RawIOBase):
         return os.isatty(self._descriptor)
 
     def write(self, data: bytes) -> int:
-        """Write what can be written."""
+        """Write what can be written; what terminals obey is shown instead, as of `errors.visible`."""
+        rest = _OBEYED.sub(lambda found: b"\\x%02x" % found[0][-1], bytes(data))
         if self.failure is None:
             clear_beat()
+        while rest and self.failure is None:
             try:
-                return os.write(self._descriptor, data)
+                rest = rest[os.write(self._descriptor, rest) :]
             except OSError as error:
                 self.failure = error
         return len(data)

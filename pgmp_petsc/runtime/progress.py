@@ -23,6 +23,8 @@ from contextvars import ContextVar
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+from pgmp_petsc.runtime.errors import visible
+
 if TYPE_CHECKING:
     from mpi4py import MPI
     from tqdm import tqdm
@@ -342,7 +344,7 @@ def announce(text: str, comm: MPI.Comm) -> None:
     # not over the bar of a terminal
     start = "\r\x1b[K" if sys.stderr.isatty() else ""
     with suppress(OSError):
-        print(f"{start}pgmp: {text}", file=sys.stderr, flush=True)
+        print(f"{start}pgmp: {visible(text)}", file=sys.stderr, flush=True)
 
 
 @contextmanager

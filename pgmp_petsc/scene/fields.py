@@ -19,6 +19,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from pgmp_petsc.runtime.errors import visible
+
 GROUND = "ground"
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
@@ -105,6 +107,12 @@ def _name(value: str) -> str:
         raise refusal(f"a name has at most {LONGEST_NAME} characters, this one has {len(value)}")
     if not re.fullmatch(NAME, value):
         raise refusal("a name starts with a letter or _ and goes on with letters, digits, _ or -")
+    return value
+
+
+def _one_line(value: str) -> str:
+    if visible(value) != value or "\n" in value or "\t" in value:
+        raise refusal("control characters and line ends have no place in it: titles and terminals show it")
     return value
 
 
@@ -269,6 +277,7 @@ Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers), 
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
 #: Name of a table that the user chooses; it becomes the name of a data set.
+OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]
 #: "body:point" or "ground:point".
 Point = Annotated[str, BeforeValidator(_point), WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"})]

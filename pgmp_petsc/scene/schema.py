@@ -13,7 +13,7 @@ from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.correlation import correlation_problems
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.ensemble import Ensemble, ensemble_problems
-from pgmp_petsc.scene.fields import Name, Number, Table
+from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.lengths import length_problems
 from pgmp_petsc.scene.load_parts import part_problems, parts_of
@@ -32,7 +32,7 @@ ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does 
 class Header(Table):
     """What the scene is called."""
 
-    name: str = Field(min_length=1, description="short name, used in reports and titles")
+    name: OneLine = Field(min_length=1, description="short name, used in reports and titles")
     description: str = Field("", description="what the scene shows")
 
 

@@ -30,6 +30,7 @@ _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
 
 
+LONGEST, DEEPEST = 800, 30  # of texts: characters, and parentheses in each other
 # operations by numpy: what has no value, such as 1 / 0, is inf or nan, which whoever evaluates refuses
 _WITHOUT_WARNINGS = np.errstate(all="ignore")
 
@@ -185,7 +186,9 @@ class _Parser:
 
     def __init__(self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str]) -> None:
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
-        self._end = 0
+        self._end = self._depth = 0
+        if len(text) > LONGEST:
+            raise InputError(f"{entry}: {len(text)} characters; at most {LONGEST} are read. Use parameters for numbers")
         self.advance()
 
     def advance(self) -> None:
@@ -254,8 +257,12 @@ class _Parser:
         if self._kind == "number":
             return _number(self._value())
         if self.token == "(":
+            self._depth += 1
+            if self._depth > DEEPEST:
+                self.refuse(f"at most {DEEPEST} parentheses are in each other")
             self.advance()
             inner = self.sum()
+            self._depth -= 1
             self._expect(")")
             return inner
         if self._kind != "name":

@@ -305,6 +305,76 @@ def test_a_tolerance_for_the_step_chooses_one(rom: pgmp.Rom, caplog: pytest.LogC
     assert f"simulation.step = {made.scene.simulation.step:g} was chosen" in chosen
 
 
+def test_results_are_copied_and_pickled(rom: pgmp.Rom, run: pgmp.Result, commands: Path, tmp_path: Path) -> None:
+    """Also what the first rank alone has, whose columns stay in a file, and the error of a run that stopped."""
+    few = pgmp.montecarlo(rom, 8, output=tmp_path / "few.h5", on_all_ranks=False)
+    kinds = (rom, run, few, rom.scene, pgmp.montecarlo(rom, 8), pgmp.sensitivities(rom), pgmp.frequencies(rom.scene))
+    for made in (*kinds, pgmp.check(rom.scene), pgmp.contents(commands / "run.h5"), pgmp.StoppedRun("at 1 s", run)):
+        for again in (copy.copy(made), copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+            assert type(again) is type(made) and str(again) == str(made)
+            if isinstance(made, pgmp.Result):
+                assert str(again.summary()) == str(made.summary()) and again.comm.size == made.comm.size
+    again = pickle.loads(pickle.dumps(run))
+    assert_same(again.write(tmp_path / "again.h5"), run.write(tmp_path / "first.h5"))
+    assert_same(pgmp.simulate(pickle.loads(pickle.dumps(rom)), {"r1": 5e-3}).write(tmp_path / "run.h5"), again.path)
+    stopped = pickle.loads(pickle.dumps(pgmp.StoppedRun("at 1 s", run)))
+    assert stopped.result.outputs.keys() == run.outputs.keys()
+    alone = pgmp.Result("trajectory", None, rom.comm, tmp_path)
+    assert repr(copy.deepcopy(alone)) == repr(pickle.loads(pickle.dumps(alone))) == repr(alone)
+
+
+def test_samples_of_a_program(rom: pgmp.Rom, tmp_path: Path) -> None:
+    """Tables of all kinds give what the same numbers in a file give."""
+    columns = {"r1": np.array([5.2e-3, 5.6e-3, 6e-3, 5.9e-3]), "others": np.zeros(4)}
+    frame = pandas.DataFrame(columns)
+    frame.to_csv(tmp_path / "samples.csv", index=False)
+    wanted = pgmp.montecarlo(rom, samples=tmp_path / "samples.csv")
+    rows = np.array(list(zip(*columns.values())), dtype=[("r1", float), ("others", float)])
+    for samples in (columns, frame, rows, {"r1": columns["r1"].tolist()}, frame.to_xarray()):
+        found = pgmp.montecarlo(rom, samples=samples)
+        np.testing.assert_array_equal(found.outputs["crank_angle"], wanted.outputs["crank_angle"])
+        assert any(str(remark).startswith("note: samples are those of 'samples'") for remark in found.remarks)
+    assert len(pgmp.montecarlo(rom, np.int64(2), samples=columns).status) == 2
+    assert pgmp.simulate(rom, overrides=None).outputs.keys() == wanted.outputs.keys()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_arguments_of_all_kinds_are_taken_or_refused(seed: int, rom: pgmp.Rom, tmp_path: Path, monkeypatch) -> None:
+    """Whatever a function is given in place of an argument, it is taken, or one error says what is allowed."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(seed)
+    fine = {
+        "source": rom, "rom": rom, "scene": rom.scene, "n": 2, "event": "crank_angle > 1", "goal": "minimise r1",
+        "files": ["a.h5"], "failed": "a.h5", "measured": "a.csv", "path": "a.h5", "output": "a.h5", "results": ["a.h5"],
+        "result": "a.h5", "tables": {}, "run": rom, "times": [0.0],
+    }  # fmt: skip
+    odd = [
+        None, True, -1, 0, 3, 10**30, 1.5, float("nan"), float("inf"), "", "x", "x" * 9999, "\0", b"x", [], [3], ["x"],
+        (), {}, {"x": 1}, {3: 1}, {"x": object()}, object(), object, print, np.zeros(2), np.float64(2), np.array("x"),
+        rom.scene, pandas.DataFrame(), {"r1": [1.0, "a"]}, range(3), {1, 2}, iter([1]), Path("x"), 1j, lambda: 1,
+        pgmp.Stopping(3), pgmp.Stopping(budget="x"), pgmp.Shard("a", None), pgmp.Robust("x"), [pgmp.Correction(3, 4)],
+        [pgmp.Correction("full", 40, 2, 7)], tmp_path,
+    ]  # fmt: skip
+    for name in pgmp.__all__:
+        function = getattr(pgmp, name)
+        if not inspect.isfunction(function):
+            continue
+        parameters = inspect.signature(function).parameters
+        for wrong in rng.permutation([key for key in parameters if key != "folder"]):
+            given = {key: fine[key] for key, entry in parameters.items() if entry.default is entry.empty}
+            given[wrong] = odd[rng.integers(len(odd))]
+            # what would run for long is not of interest
+            given |= {"overrides": {"simulation.duration": 2e-3}} if "overrides" in parameters and wrong != "overrides" else {}
+            if name in ("build", "tradeoff", "frequencies", "check", "run", "load", "compose") and wrong in (
+                "seed", "quick", "comm", "resume", "on_all_ranks", "ranks_per_angle", "effects", "trial", "force"
+            ):  # fmt: skip
+                continue
+            try:
+                function(**given)
+            except pgmp.PgmpError as error:
+                assert "Error" not in str(error) and "\0" not in str(error), (name, wrong, given[wrong], error)
+
+
 WRONG = {
     "a source": (lambda rom, scene: pgmp.simulate(3), "source: int received; allowed is a reduced model"),
     "no model": (lambda rom, scene: pgmp.simulate(scene), "model = None: of a scene there are 'full' and 'components'"),
@@ -356,7 +426,7 @@ WRONG = {
         "at..theta.. = 'a': allowed is",
     ),
     "angles in a list": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1, at=[1.0]), "at: list received"),
-    "half a mode": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1.5), "mode: float received; allowed is"),
+    "half a mode": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1.5), "mode = 1.5: allowed are whole numbers"),
     "a job of a scene in memory": (lambda rom, scene: pgmp.run(scene), "scene: Scene received; allowed is the name"),
     "a job without samples": (lambda rom, scene: pgmp.run("x.toml", n=0), "n = 0: allowed are whole numbers from 1"),
     "no such shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard=pgmp.Shard(3, 2)), "--shard 3/2: allowed are"),
@@ -393,7 +463,7 @@ WRONG = {
     "an export": (lambda rom, scene: pgmp.export_model(rom, "a.txt"), "output 'a.txt': a reduced model is exported as"),
     "no export": (
         lambda rom, scene: pgmp.export_model(rom, 3),
-        "output: int received; allowed is the name of a folder",
+        "output: int received; allowed is the name of a file",
     ),
     "no FMU": (lambda rom, scene: pgmp.export_model(rom, "a", fmi=3), "--fmi 3 is for FMUs, and 'a' is none"),
     "a version": (lambda rom, scene: pgmp.export_model(rom, "a.fmu", fmi=4), "fmi = 4: allowed are 2 and 3"),
@@ -416,11 +486,35 @@ WRONG = {
         "--ranks-per-angle = 2: allowed are 1 to 1",
     ),
     "a file": (lambda rom, scene: pgmp.read("nowhere.h5"), "nowhere.h5"),
-    "tables": (lambda rom, scene: pgmp.compose([1]), "the scene: list received; allowed is a mapping of tables"),
+    "tables": (lambda rom, scene: pgmp.compose([1]), "tables: list received; allowed is a mapping of tables"),
     "an entry": (lambda rom, scene: pgmp.compose({"bodies": 3}), "bodies = 3: a table is needed"),
     "a communicator": (lambda rom, scene: pgmp.simulate(rom, comm=3), "comm = 3: allowed is a communicator of mpi4py"),
     "no results": (lambda rom, scene: pgmp.write_report([], "x.html"), "results: list received; allowed is a list"),
-    "a result": (lambda rom, scene: pgmp.write_report([3], "x.html"), "results: int received; allowed is a result"),
+    "no overrides": (lambda rom, scene: pgmp.simulate(rom, overrides=3), "overrides = 3: allowed are a mapping"),
+    "no parameters": (lambda rom, scene: pgmp.simulate(rom, 3), "parameters = 3: allowed are a mapping"),
+    "no goal": (lambda rom, scene: pgmp.optimize(rom, 3), "goal: int received; allowed is a text such as 'minimise"),
+    "no constraints": (
+        lambda rom, scene: pgmp.optimize(rom, "minimise r1", subject_to=3),
+        "subject_to: int received; allowed is a list of constraints, such as",
+    ),
+    "no name": (lambda rom, scene: pgmp.simulate(rom, output=3), "output: int received; allowed is the name of a file"),
+    "an empty name": (lambda rom, scene: pgmp.simulate(rom, output=""), "output = '': allowed is the name of a file"),
+    "no truth": (lambda rom, scene: pgmp.simulate(rom, on_all_ranks="yes"), "on_all_ranks = 'yes': allowed are True"),
+    "no numbers": (
+        lambda rom, scene: pgmp.montecarlo(rom, samples={"r1": ["a", "b"]}),
+        "samples: dict received; allowed is a CSV or HDF5 file, a DataFrame, or",
+    ),
+    "columns of two lengths": (
+        lambda rom, scene: pgmp.montecarlo(rom, samples={"r1": []}),
+        "samples: columns are empty: r1 0",
+    ),
+    "no column": (lambda rom, scene: pgmp.montecarlo(rom, samples={"r2": [1.0]}), "samples: there is no column 'r1'"),
+    "a sample beyond": (
+        lambda rom, scene: pgmp.montecarlo(rom, samples={"r1": [5e-3, -1.0]}),
+        "samples: sample 1: r1 = -1; must",
+    ),
+    "no path of a result": (lambda rom, scene: rom.write(3), "path: int received; allowed is the name of a file"),
+    "a result": (lambda rom, scene: pgmp.write_report([3], "x.html"), "results: list received; allowed is a list of results"),
 }
 
 

@@ -10,7 +10,7 @@ from solids import body_of, matrices_of, mesh_of
 
 from pgmp_petsc.bodies import assembled_checks
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.bodies.assembled_checks import check_free, check_mass, check_stated, made_symmetric
+from pgmp_petsc.bodies.assembled_checks import check_free, check_mass, check_places, check_stated, made_symmetric
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.matrices import Stated
 
@@ -40,6 +40,21 @@ def test_digits_that_are_cut_off_are_told(digits: int) -> None:
     stiffness.data = np.array([float(f"{value:.{digits - 1}e}") for value in stiffness.data])
     with pytest.raises(InputError, match="^stiffness: .*, (and )?with all (its|their) digits"):
         check_free(body(stiffness), "stiffness")
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3])
+@pytest.mark.parametrize(
+    ("axes", "words"), [((), "in one place"), ((0,), "on a line"), ((0, 1), "in a plane"), ((0, 1, 2), None)]
+)
+def test_nodes_have_to_span_space(axes: tuple[int, ...], words: str | None, away: float) -> None:
+    nodes = np.zeros((20, 3))
+    nodes[:, axes] = np.random.default_rng(1).standard_normal((20, len(axes)))
+    turned = away + nodes @ np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0]
+    if words is None:
+        check_places(turned, "nodes")
+        return
+    with pytest.raises(InputError, match=f"^nodes: all 20 nodes lie {words}; those of a solid3d body span space"):
+        check_places(turned, "nodes")
 
 
 def test_lumped_masses_are_positive() -> None:

@@ -94,6 +94,7 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
         ("minimise r1 r1", "'r1' is too much; an operator or the end is needed", 12),
         ("minimise r1 +* 2", "a number, a parameter, a figure such as max", 13),
         ("minimise r1 ^ r1", "a number is needed as exponent", 14),
+        ("minimise " + "(" * 40, "at most 30 parentheses are in each other", 39),
         ("minimise 2*1e400", "1e400 is no finite number", 11),
         ("minimise r1 ^ -1e999", "1e999 is no finite number", 15),
         ("minimise r1 <= 2", "'<=' is too much", 12),
@@ -109,5 +110,7 @@ def test_errors_mark_their_position(text: str, reason: str, position: int) -> No
 
 
 def test_a_constraint_needs_a_relation() -> None:
+    with pytest.raises(InputError, match="--subject-to: 3000 characters; at most 800 are read"):
+        read_constraint("(" * 3000, OUTPUTS, PARAMETERS)
     with pytest.raises(InputError, match="--subject-to: <= or >= is needed"):
         read_constraint("max(angle) = 2", OUTPUTS, PARAMETERS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from assembled import (
     write_inp,
     write_node_arrays,
 )
+from conftest import TIMEOUT_SECONDS
 from solids import body_of, matrices_of, mesh_of
 
 from pgmp_petsc.mesh.matrix_files import MatrixFile, read_matrix
@@ -134,6 +137,12 @@ MATRIX_CASES = {
         text(f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nRSA{4:25d}{4:14d}{9:14d}{0:14d}\n(I8) (I8) (D25.16)\n"),
         "are announced",
     ),
+    "market, cut in its head": (b"%%MatrixMarket matrix coordinate real sy", "ends before the line of its sizes"),
+    "market, comments alone": (b"%%MatrixMarket matrix array real general\n% of\n\n", "ends before the line of its"),
+    "market, a size of another file": (
+        b"%%MatrixMarket matrix coordinate real general\n900000000 900000000 1\n1 1 1.0\n", "are its sizes"
+    ),
+    "a row's number damaged": (b"1 1 2.0\n900000000 1 2.0\n", "are its sizes"),
     "zip": (b"PK\x03\x04 and no more", "cannot be read as a matrix"),
 }
 
@@ -145,6 +154,39 @@ def test_what_is_no_matrix_is_refused_by_name(content: bytes | None, words: str,
         path.write_bytes(content)
     with pytest.raises(InputError, match="^matrix: .*" + words):
         read_matrix(path, "matrix")
+
+
+@pytest.mark.parametrize("format", ["csr", "csc", "coo", "bsr", "dia"])
+def test_arrays_with_other_numbers_in_them_are_refused(format: str, tmp_path: Path) -> None:
+    """SciPy reads where a wrong index or pointer leads, which ends the process: each is read here by one of its own."""
+    sp.save_npz(tmp_path / "k.npz", STIFFNESS.asformat(format))
+    with np.load(tmp_path / "k.npz") as file:
+        arrays = {name: file[name] for name in file.files}
+    rng, names = np.random.default_rng(5), []
+    for name in {"indices", "indptr", "row", "col", "shape"} & set(arrays):
+        for number in (-1, -(2**31), 10**6, 2**31 - 1, 2**62):
+            changed = arrays[name].astype(np.int64)
+            changed[rng.integers(changed.size)] = number
+            names.append(tmp_path / f"{name}_{number}.npz")
+            np.savez(names[-1], **{**arrays, name: changed})
+    if not names:  # diagonals
+        names = [tmp_path / "k.npz"]
+        np.savez(names[0], **{**arrays, "shape": np.array([2**31, 2**31])})
+    read = f"import sys; sys.path[:0] = {sys.path}; from test_matrix_files import refused; refused(sys.argv[1:])"
+    done = subprocess.run(
+        [sys.executable, "-c", read, *names], capture_output=True, text=True, timeout=TIMEOUT_SECONDS,
+        cwd=Path(__file__).parent,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stdout.split() == [path.name for path in names], done.stderr
+
+
+def refused(names: list[str]) -> None:
+    """Print the names of files that are refused as they should be."""
+    for name in names:
+        try:
+            read_matrix(Path(name), "matrix")
+        except InputError as error:
+            print(Path(name).name if str(error).startswith("matrix: ") else error)
 
 
 def test_arrays_that_are_no_sparse_matrix_are_named(tmp_path: Path) -> None:
@@ -201,6 +243,7 @@ NODE_CASES = {
     "few columns": ("nodes.csv", "1,2\n", "two or three coordinates"),
     "twice": ("nodes.csv", "1,0,0\n1,1,0\n", "node 1 is there twice"),
     "not finite": ("nodes.csv", "1,0,0\n2,nan,0\n", "not finite"),
+    "far away": ("nodes.csv", "1,0,0\n2,1e300,0\n", "beyond 1e\\+15"),
     "off the plane": ("nodes.csv", "1,0,0,0\n2,1,0,1\n", "off the plane"),
     "fractions": ("nodes.csv", "1.5,0,0\n", "whole numbers"),
     "no card": ("nodes.inp", "*HEADING\nof nothing\n", "no nodes"),

@@ -1,0 +1,239 @@
+"""What the arguments of the interface may be: checked in one place, by their annotations, before a function begins."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, wraps
+from os import PathLike, fspath
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pgmp_petsc.api.ranks import ranks_of
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, shortened
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+FILE = "the name of a file"
+TABLE = "a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers"
+#: What is allowed, by the name of an argument, or by that of its annotation.
+ALLOWED = {
+    "AnySource": "a reduced model (pgmp.build, pgmp.read), a scene (pgmp.load), or a file",
+    "Scene": "a scene, as from pgmp.load or pgmp.compose",
+    "Rom": "a reduced model, as from pgmp.build or pgmp.read",
+    "Result": "a result, as from pgmp.simulate or pgmp.read",
+    "Shard": "pgmp.Shard(number, count), such as pgmp.Shard(2, 8)",
+    "Stopping": "pgmp.Stopping(until, budget)",
+    "Robust": "pgmp.Robust(deviations, n, seed)",
+    "Sequence[Correction]": "a list of pgmp.Correction(model, n)",
+    "Sequence[float]": "a list of finite numbers",
+    "Sequence[str]": "a list of texts",
+    "Sequence[str | PathLike[str]]": "a list of names of files",
+    "Sequence[Result | str | PathLike[str]]": "a list of results, or of names of files",
+    "Mapping[str, float]": "a mapping of names to numbers",
+    "Mapping[str, Any]": "a mapping of tables",
+    "Columns": TABLE,
+    "PathLike[str]": FILE,
+    "str": "a text",
+    "int": "whole numbers",
+    "float": "finite numbers",
+    "bool": "True and False",
+    "names": "a list of parameters' names, such as ['r1']",
+    "subject_to": "a list of constraints, such as ['r1 <= 6e-3']",
+    "event": "a text such as 'slider_deformation < -2e-4'",
+    "goal": "a text such as 'minimise max(abs(angle))'",
+    "files": "a list of names of shards' files, and not an empty one",
+    "failed": "the file of an ensemble",
+    "samples": TABLE,
+    "measured": "the name of a CSV file",
+    "at": "angles (rad) by the names of coordinates, such as {'theta': 0.5}",
+    "noise": "a mapping of outputs to standard deviations",
+}
+_PLAIN = ("int", "float", "bool")  # whose value says more than its type
+
+
+def checked(function: Function) -> Function:
+    """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
+
+    Numbers of numpy become Python's, None stands for no overrides.
+
+    Raises
+    ------
+    InputError
+        From the function, on all ranks, if an argument is something else.
+    """
+    signature = inspect.signature(function)
+    kinds = {name: _alternatives(str(entry.annotation)) for name, entry in signature.parameters.items()}
+
+    @wraps(function)
+    def call(*given: Any, **named: Any) -> Any:
+        bound = signature.bind(*given, **named)
+        own = bound.arguments.get("self")
+        comm = ranks_of(bound.arguments.get("comm")) if own is None else own.comm
+        with agreed(comm, "looking at the arguments"):
+            for name, value in bound.arguments.items():
+                bound.arguments[name] = _taken(name, value, kinds[name])
+        return function(*bound.args, **bound.kwargs)
+
+    return call
+
+
+def wrong(what: str, received: object, allowed: str) -> InputError:
+    """Return the error of an argument of another kind."""
+    return InputError(f"{what}: {type(received).__name__} received; allowed is {allowed}")
+
+
+@cache
+def _alternatives(annotation: str) -> tuple[str, ...]:
+    """Return the kinds that an annotation joins: of ``Sequence[str | int] | None`` the two."""
+    kinds: list[str] = []
+    for part in annotation.split(" | "):
+        if kinds and kinds[-1].count("[") > kinds[-1].count("]"):
+            kinds[-1] += f" | {part}"
+        else:
+            kinds.append(part)
+    return tuple(kind for kind in kinds if kind != "str" or "PathLike[str]" not in kinds)
+
+
+def _taken(name: str, value: object, kinds: tuple[str, ...]) -> Any:
+    """Return an argument as functions take it."""
+    for kind in kinds:
+        if kind not in _TAKEN:
+            return value  # the function's own to look at
+        found = _TAKEN[kind](value)
+        if found is not NotImplemented:
+            return found
+    kind = next(kind for kind in kinds if kind != "None")
+    allowed = ALLOWED.get(name) or ALLOWED[kind]
+    if kind in ("Scene", "Rom", "Result") and "PathLike[str]" in kinds:
+        allowed += ", or its file"
+    if kind in _PLAIN or isinstance(value, str) and kind.startswith(("PathLike", "Sequence")):
+        verb = "are" if kind in _PLAIN else "is"
+        raise InputError(f"{name} = {shortened(repr(value))}: allowed {verb} {allowed}")
+    raise wrong(name, value, allowed)
+
+
+def _whole(value: object) -> object:
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return int(value) if is_whole else NotImplemented
+
+
+def _finite(value: object) -> object:
+    if not isinstance(value, (int, float, np.integer, np.floating)) or isinstance(value, bool):
+        return NotImplemented
+    try:
+        number = float(value)
+    except OverflowError:
+        return NotImplemented
+    return number if math.isfinite(number) else NotImplemented
+
+
+def _truth(value: object) -> object:
+    return bool(value) if isinstance(value, (bool, np.bool_)) else NotImplemented
+
+
+def _path(value: object) -> object:
+    if not isinstance(value, (str, PathLike)):
+        return NotImplemented
+    text = fspath(value)
+    return value if isinstance(text, str) and text and "\0" not in text else NotImplemented
+
+
+def _list_of(kind: Callable[[object], object]) -> Callable[[object], object]:
+    """Return what takes lists, tuples and arrays of a kind."""
+
+    def taken(value: object) -> object:
+        if isinstance(value, np.ndarray) and value.ndim == 1:
+            value = value.tolist()
+        if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Sequence):
+            return NotImplemented
+        found = [kind(item) for item in value]
+        if any(item is NotImplemented for item in found):
+            return NotImplemented
+        return found if isinstance(value, list) else tuple(found)
+
+    return taken
+
+
+def _instance(name: str) -> Callable[[object], object]:
+    """Return what takes objects of a class of the interface, whose module is imported when one is made."""
+
+    def taken(value: object) -> object:
+        own = (base for base in type(value).__mro__ if base.__module__.startswith("pgmp_petsc."))
+        return value if any(base.__name__ == name for base in own) else NotImplemented
+
+    return taken
+
+
+def _text(value: object) -> object:
+    return str(value) if isinstance(value, str) else NotImplemented
+
+
+def _mapping(value: object) -> object:
+    return value if isinstance(value, Mapping) and all(isinstance(key, str) for key in value) else NotImplemented
+
+
+def _columns(value: object) -> object:
+    """Return a table as columns of numbers: of a mapping, a DataFrame, or a structured array of numpy."""
+    names = getattr(getattr(value, "dtype", None), "names", None) or getattr(value, "columns", None)
+    if isinstance(value, Mapping):
+        names = list(value)
+    if names is None or isinstance(value, (str, bytes)):
+        return NotImplemented
+    try:
+        found = {str(name): np.asarray(value[name], dtype=float) for name in names}
+    except (TypeError, ValueError, LookupError):
+        return NotImplemented
+    return found if found and all(column.ndim == 1 for column in found.values()) else NotImplemented
+
+
+def _either(*names: str) -> Callable[[object], object]:
+    """Return what takes one of several kinds."""
+
+    def taken(value: object) -> object:
+        return next((found for name in names if (found := _TAKEN[name](value)) is not NotImplemented), NotImplemented)
+
+    return taken
+
+
+def _overrides(value: object) -> object:
+    from pgmp_petsc.api.scenes import overrides_of  # whose functions are checked here
+
+    return overrides_of(value)
+
+
+def _settings(value: object) -> object:
+    from pgmp_petsc.api.scenes import settings_of
+
+    return settings_of(value)
+
+
+#: What an argument becomes, by the kinds of annotations; NotImplemented where it is none of the kind.
+_TAKEN: dict[str, Callable[[Any], Any]] = {
+    "None": lambda value: None if value is None else NotImplemented,
+    "str": _text,
+    "PathLike[str]": _path,
+    "int": _whole,
+    "float": _finite,
+    "bool": _truth,
+    "Scene": _instance("Scene"),
+    "Rom": _instance("Rom"),
+    "Result": _instance("Result"),
+    "Shard": _instance("Shard"),
+    "Stopping": _instance("Stopping"),
+    "Robust": _instance("Robust"),
+    "AnySource": _either("Rom", "Scene", "PathLike[str]"),
+    "Overrides": _overrides,
+    "Parameters": _settings,
+    "Columns": _columns,
+    "Mapping[str, float]": _mapping,
+    "Mapping[str, Any]": _mapping,
+    "Sequence[str]": _list_of(_text),
+    "Sequence[float]": _list_of(_finite),
+    "Sequence[Correction]": _list_of(_instance("Correction")),
+    "Sequence[str | PathLike[str]]": _list_of(_path),
+    "Sequence[Result | str | PathLike[str]]": _list_of(_either("Result", "PathLike[str]")),
+}
