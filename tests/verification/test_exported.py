@@ -250,6 +250,13 @@ def test_a_given_motion_and_friction(tmp_path) -> None:
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
+def test_friction_that_sticks(tmp_path) -> None:
+    """Newton's iteration jumps over zero in every other step; the model in C takes friction up from there too."""
+    sticking = "effects.rubbing.limit=30.0", "effects.rubbing.speed=1e-4", "simulation.step=2.5e-4"
+    model = reduced_model(scene_from_toml(KINDS, ".", sticking))
+    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+
+
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     """Poses of outputs are closed by Newton's method, which stops where the program's stops.
 

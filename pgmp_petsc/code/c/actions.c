@@ -154,14 +154,22 @@ static void attach_pair(const struct action *action, const struct moving nodes[]
     }
 }
 
-/* Force, and its stiffness and damping. */
+/* Force, and its stiffness and damping. About is, in an iteration, the rate at which the law was evaluated last, NAN
+   before that. Where friction was beyond its speed there and has crossed zero, it is taken up from zero if `fresh`, and
+   about becomes NAN: from one branch an iterate goes far beyond the other, from zero on never too far. */
 static double obey(const struct action *action, const double p[N_LAW], const double strengths[], double s, double rate,
-                   double *stiffness, double *damping) {
+                   int fresh, double *about, double *stiffness, double *damping) {
+    int limited = about && fresh && action->law == FRICTION && fabs(*about) > p[1] && *about * rate < 0.0;
+    if (about) *about = limited ? NAN : rate;
     *stiffness = *damping = 0.0;
     if (action->law == SOURCE) return strengths[action->strength] * p[0];
     if (action->law == SPRING_DAMPER) {
         *stiffness = p[0], *damping = p[1];
         return -p[0] * (s - p[2]) - p[1] * rate;
+    }
+    if (limited) {
+        *damping = p[0] / p[1];
+        return -*damping * rate;
     }
     double bent = tanh(rate / p[1]);
     *damping = p[0] * (1.0 - bent * bent) / p[1];
@@ -192,7 +200,8 @@ static void add_to_matrix(double tangent[N][N], struct matrix *m) {
 }
 
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double r[N], struct matrix *matrix) {
+                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double r[N],
+                 struct matrix *matrix) {
     double rigid[1 + R][AT_LEAST_ONE(N_ACTION_ENTRIES)] = {{0}}, tangent[N][N] = {{0}};
     struct moving nodes[AT_LEAST_ONE(N_ACTION_NODES)];
     struct stencil fine;
@@ -216,7 +225,8 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             for (int c = 0; c < 2 * N_FRAME; c++) projected[i] += gradient[c] * jacobian[c][i];
             rate += projected[i] * v[i];
         }
-        double force = obey(action, m->laws[number], strengths, s, rate, &stiffness, &damping);
+        double force = obey(action, m->laws[number], strengths, s, rate, fresh, about ? about + number : 0, &stiffness,
+                            &damping);
         for (int i = 0; i < N; i++) r[i] -= force * projected[i];
         if (fresh) add_tangent(stiffness + gain_v * damping, force, projected, hessian, jacobian, tangent);
     }

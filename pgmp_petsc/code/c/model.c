@@ -56,15 +56,16 @@ static void act(const struct pgmp_model *m, double time, double since, double st
         }
 }
 
-/* The Newton correction at (q, v, a), in r. */
+/* The Newton correction at (q, v, a), in r; about as for `obey` of each action, or none. */
 static void correct(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
-                    const double a[N], double gain_v, double gain_a, int fresh, struct matrix *matrix, double r[N]) {
+                    const double a[N], double gain_v, double gain_a, int fresh, double about[], struct matrix *matrix,
+                    double r[N]) {
     struct stencil stencil;
     struct terms t;
     find_stencil(axes, q, &stencil);
     interpolate(m, &stencil, q, strengths, &t);
     evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, r, matrix);
+    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, r, matrix);
     if (fresh) eliminate(matrix);
     solve(matrix, r);
 }
@@ -82,7 +83,7 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
     double strengths[AT_LEAST_ONE(N_STRENGTHS)], r[N], at_rest[N] = {0};
     struct matrix matrix;
     act(m, time, since, strengths, m->q, m->v, at_rest);
-    correct(m, strengths, m->q, m->v, at_rest, 0.0, LARGE, 1, &matrix, r);
+    correct(m, strengths, m->q, m->v, at_rest, 0.0, LARGE, 1, 0, &matrix, r);
     for (int i = 0; i < N; i++) m->a[i] = at_rest[i] - LARGE * r[i];
     look_at_state(m);
 }
@@ -124,13 +125,17 @@ static int converge(struct pgmp_model *m, int attempt, const double strengths[],
     const double tolerance = attempt == EXTRAPOLATED ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
     const int least = attempt == EXTRAPOLATED ? CORRECTIONS : 0, careful = attempt == CAREFUL;
     const int most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
-    double r[N], last = 0.0;
+    double r[N], about[AT_LEAST_ONE(N_ACTIONS)], last = 0.0;
     struct matrix matrix;
     int active = 1;
+    for (int k = 0; k < AT_LEAST_ONE(N_ACTIONS); k++) about[k] = N_ACTIONS ? NAN : 0.0;
     for (int number = 0; number < most && (active || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
-        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, fresh, &matrix, r);
+        int limited = 0;
+        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, fresh, about, &matrix, r);
+        for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(about[k]);
+        if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
             size = fabs(r[i]) * scale[i] <= size ? size : fabs(r[i]) * scale[i];
         while (careful && isfinite(size) && size > LONGEST) size *= 0.5, share *= 0.5;
@@ -146,7 +151,7 @@ static int converge(struct pgmp_model *m, int attempt, const double strengths[],
             m->contraction = known > LEAST_CONTRACTION ? known : LEAST_CONTRACTION;
         }
         if (active) *left = careful ? size : size * contraction / (1.0 - contraction);
-        active = active && isfinite(size) && *left > tolerance && size > ROUND_OFF;
+        active = active && isfinite(size) && ((*left > tolerance && size > ROUND_OFF) || (careful && limited));
         last = size;
     }
     return !active && isfinite(*left);

@@ -68,7 +68,8 @@ double evaluate_piece(int function, double time, double since, double rates[2]);
 void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double r[N], struct matrix *matrix);
+                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double r[N],
+                 struct matrix *matrix);
 void eliminate(struct matrix *matrix);
 void solve(const struct matrix *matrix, double x[N]);
 
