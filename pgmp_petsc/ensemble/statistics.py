@@ -55,16 +55,19 @@ def describe(
     size
         Of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no deviation.
     """
-    constant = is_constant(values, size)
+    constant = values.size > 1 and is_constant(values, size)
     if constant:
-        values = np.full(values.size, np.mean(values)) if values.size else values
+        values = np.full(values.size, np.mean(values))
     probabilities = np.asarray(probabilities, dtype=float)
     ordered = np.sort(values)
     pdf, edges = _density(values, bins) if values.size else (np.empty(0), np.empty(0))
     mean = float(np.mean(values)) if values.size else float("nan")
     std = float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
     sizes = None
-    if replicates is None or constant:
+    if constant:
+        mean, std, errors = float(values[0]), 0.0, (0.0, 0.0)
+        of_mean, of_deviation = np.full(2, mean), np.zeros(2)
+    elif replicates is None:
         errors = (float(std / np.sqrt(max(values.size, 1))), _error_of_deviation(values, std))
         of_mean = intervals.of_mean(values, confidence)
         of_deviation = intervals.of_deviation(values, confidence)
@@ -86,7 +89,7 @@ def describe(
         std_interval=of_deviation,
         quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes),
         confidence=confidence,
-        constant=constant and values.size > 1,
+        constant=constant,
     )
 
 
