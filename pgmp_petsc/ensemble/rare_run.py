@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble import rare_events
+from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.rare_events import RareSamples
@@ -182,7 +182,7 @@ def _result(
         unit=unit,
         confidence=confidence,
         estimate=found.probability,
-        interval=found.interval(confidence),
+        interval=with_failed(found, confidence),
         variation=found.variation,
         at_most=found.at_most,
         n_effective=found.n_effective,
@@ -197,6 +197,18 @@ def _result(
         parameters=parameters,
         status=status,
     )
+
+
+def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
+    """Return the interval of the probability, (2,), in which failed samples are outside the event at the lower end, and
+    in it at the upper one: the weighted ones, and the plain ones from which the search begins."""
+    ends = found.interval(confidence)
+    plain = found.levels[0].before if found.levels else found.limit_state
+    if not np.isnan(found.limit_state).any():
+        return ends
+    own = found.limit_state[found.limit_state.size - found.weights.size :]
+    rounds = np.split(np.where(own > 0.0, 0.0, found.weights), np.cumsum(found.rounds)[:-1]) if own.size else []
+    return intervals.with_failed(ends, rounds, int(np.sum(~np.isfinite(plain))), plain.size, confidence)
 
 
 def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
@@ -240,7 +252,8 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Re
             )
     if n_failed:
         most = f"; with all of them in the event the probability would be {found.at_most:.4g}" if found.reached else ""
-        remarks.append(warning(f"{n_failed} of {status.size} samples failed and count as not in the event{most}"))
+        both = "count as not in the event, and in the upper end of the interval as in it"
+        remarks.append(warning(f"{n_failed} of {status.size} samples failed and {both}{most}"))
     if not whole:
         remarks.append(
             note(
