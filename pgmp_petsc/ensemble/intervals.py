@@ -72,6 +72,21 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
 
 
+def of_mean_and_deviations(values: np.ndarray, times: float, confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of the mean of independent values (n,) and so many of their deviations together.
+
+    Both intervals are put together by squares, with the correlation of the two estimates, ``mu_3 / (s sqrt(mu_4 -
+    s^4))`` (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702). NaN of less than five values.
+    """
+    mean, deviation = np.mean(values), np.std(values, ddof=1) if values.size > 1 else np.nan
+    ends = np.array([of_mean(values, confidence) - mean, times * (of_deviation(values, confidence) - deviation)])
+    scaled = (values - mean) / deviation if deviation > 0.0 else np.zeros(values.size)
+    spread = np.mean(scaled**4) - 1.0
+    correlation = np.clip(np.mean(scaled**3) / np.sqrt(spread), -1.0, 1.0) if spread > 0.0 else 0.0
+    squares = np.sum(ends**2, axis=0) + 2.0 * correlation * ends[0] * ends[1]
+    return mean + times * deviation + np.array([-1.0, 1.0]) * np.sqrt(np.maximum(squares, 0.0))
+
+
 def of_quantiles(
     ordered: np.ndarray, probabilities: np.ndarray, confidence: float, sizes: np.ndarray | None = None
 ) -> np.ndarray:

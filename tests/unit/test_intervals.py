@@ -83,6 +83,25 @@ def test_a_deviation_that_few_values_decide_on_is_told() -> None:
     assert tail_remarks([("none", np.full(400, np.nan))], chosen) == ()
 
 
+@pytest.mark.parametrize("times", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("name", LAWS)
+def test_means_and_deviations_of_a_robust_design_hold(name: str, times: float) -> None:
+    """Of 64 samples, as many as a robust design has where nothing is said."""
+    law, random, repetitions = LAWS[name], np.random.default_rng(13), 400
+    true, held = law.mean() + times * law.std(), 0
+    for _ in range(repetitions):
+        low, high = intervals.of_mean_and_deviations(law.rvs(64, random_state=random), times, LEVEL)
+        held += low <= true <= high
+    # of exponential values three deviations hold in 92 %, as their deviation in 92 to 95 %
+    assert held >= stats.binom(repetitions, LEVEL - (0.03 if name == "expon" else 0.01)).ppf(1e-4)
+    values = law.rvs(64, random_state=random)
+    np.testing.assert_allclose(
+        intervals.of_mean_and_deviations(values, 0.0, LEVEL), intervals.of_mean(values, LEVEL), rtol=1e-12
+    )
+    assert np.isnan(intervals.of_mean_and_deviations(values[:1], times, LEVEL)).all()
+    np.testing.assert_allclose(intervals.of_mean_and_deviations(np.full(9, 2.0), times, LEVEL), [2.0, 2.0])
+
+
 def test_whole_ranks_are_those_of_the_binomial_distribution() -> None:
     """At a level that fits, the interval of the median ends at order statistics, whose chance is a binomial sum."""
     n, rank = 20, 6
