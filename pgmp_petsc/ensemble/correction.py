@@ -190,8 +190,8 @@ def _probability(true: Sequence[np.ndarray], known: Sequence[np.ndarray], confid
     value, ends = joined.probability_with_failed(true, known, confidence)
     count, n, n_failed = int(true[0].sum()), int(known[0].sum()), int(np.sum(~known[0]))
     alone = intervals.of_probability(count, n, confidence, n_failed)
-    counts = np.array([int(one.sum()) for one in known])
-    return Corrected({"estimate": Figure(value, ends, count / n if n else np.nan, alone)}, counts, np.zeros(0), np.zeros(0))
+    figure = Figure(value, ends, count / n if n else np.nan, alone)
+    return Corrected({"estimate": figure}, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
 
 
 def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:

@@ -155,8 +155,9 @@ class Design:
             rows = [take_known(file, "starts", 1), take_known(file, "values", 1), *take_known(file, "limits", 2).T]
             missed, active = take_known(file, "constraints", 2), take(file, "active", 1)
             deviations = float(file.attrs["deviations"])
-            ends = [None if np.isnan(deviations) else tuple(map(float, row)) for row in take(file, "constraint_intervals", 2)]
-            of_goal = take(file, "goal_interval", 1)
+            nominal, of_goal = np.isnan(deviations), take(file, "goal_interval", 1)
+            between = take(file, "constraint_intervals", 2)
+            ends = [None if nominal else tuple(map(float, row)) for row in between]
             return cls(
                 RunRecord.read(file),
                 str(file.attrs["goal"]),

@@ -212,8 +212,10 @@ class DesignFigures:
         return Dual(mean + times * std, slopes.mean(axis=0) + times * spread)
 
     def intervals(self, confidence: float) -> np.ndarray:
-        """Return the intervals (n_figures, 2) that samples leave goal and constraints of the last design; NaN of nominal
-        ones. Samples of every sampler count as independent ones."""
+        """Return the intervals of goal and constraints of the last design over other samples, (n_figures, 2).
+
+        NaN of nominal ones. Samples of every sampler count as independent.
+        """
         if self._offsets is None:
             return np.full((self.of_samples.shape[1], 2), np.nan)
         times = self._question.deviations

@@ -117,7 +117,8 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     remarks = (
         *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
-        *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
+        *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended),
+        *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [

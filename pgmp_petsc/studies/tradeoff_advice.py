@@ -70,8 +70,8 @@ def _margin_sentences(study: Tradeoff) -> list[str]:
         return []
     n = len(next(iter(study.test_values.values())))
     return [
-        f"Errors are the largest at {n} test values; a setting is taken for one that meets an error where {MARGIN:g} times "
-        "as much does, and the last move of the reference: other draws may be worse."
+        f"Errors are the largest at {n} test values; a setting meets an error where {MARGIN:g} times as much does, "
+        "with the last move of the reference: other draws may be worse."
     ]
 
 

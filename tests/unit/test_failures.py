@@ -110,5 +110,6 @@ def test_plain_samples_that_failed_may_all_be_in_the_event() -> None:
     np.testing.assert_allclose(intervals.with_failed(ends, rounds, 0, 250, 0.95), ends)
     upper = stats.binomtest(3, 250).proportion_ci(0.95, "exact").high
     np.testing.assert_allclose(intervals.with_failed(ends, rounds, 3, 250, 0.95), [ends[0], upper])
-    np.testing.assert_allclose(intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95), [0.0, 1 - 0.025 ** (1 / 250)])
+    not_reached = intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95)
+    np.testing.assert_allclose(not_reached, [0.0, 1 - 0.025 ** (1 / 250)])
     assert np.isnan(intervals.of_weighted([np.zeros(4)], 0.95)).all()

@@ -101,7 +101,8 @@ def test_of_nothing_known_quantiles_have_no_bounds() -> None:
 def test_what_varies_by_round_off_is_constant() -> None:
     """An angle that ends at zero, a coordinate that others dwarf, values that differ in their last bits."""
     noise = np.random.default_rng(3).normal(size=200)
-    outputs = {"angle": 1e-15 * noise, "across": 1e-17 * noise, "along": 0.4 + 1e-3 * noise, "same": 5.0 + 1e-15 * noise}
+    outputs = {"angle": 1e-15 * noise, "across": 1e-17 * noise, "along": 0.4 + 1e-3 * noise}
+    outputs["same"] = 5.0 + 1e-15 * noise
     units = {"angle": "rad", "across": "m", "along": "m", "same": "N"}
     sizes = Peaks(outputs, {}, {}).sizes(units, np.ones(200, dtype=bool))
     for name, values in outputs.items():
@@ -135,7 +136,8 @@ def test_an_event_within_the_error_is_not_decided() -> None:
     of = {"count": 0, "n": 512, "estimate": 0.0, "interval": np.array([0.0, 0.007]), "confidence": 0.95}
     chance = Chance("x above 12 at any time", **of, model_error=1.0, holds_to=limit)
     assert chance.is_decided() and not chance.is_decided(1.3)
-    assert "not decided by this model" in chance.doubt(1.3) and "'pgmp montecarlo SCENE --full -n 512'" in chance.doubt(1.3)
+    said = chance.doubt(1.3)
+    assert "not decided by this model" in said and "'pgmp montecarlo SCENE --full -n 512'" in said
     assert Chance("y", **of).is_decided() and Chance("y", **of).is_decided(1.0)  # nothing is known
     # half of the samples in the event: it holds as long as no more than the interval's width is in doubt
     halves = np.linspace(-1.0, 1.0, 512)

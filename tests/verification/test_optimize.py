@@ -111,7 +111,7 @@ def test_a_robust_design_keeps_its_distance(wound: ReducedModel, tmp_path) -> No
     nominal = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
     assert nominal.parameters[0].value == pytest.approx(LEAST * STIFFNESS, rel=1e-4)
     assert found.n_samples == 12 and nominal.n_samples == 1
-    # the angle of a design differs from that of another by its torque alone, so that its interval is that of the samples
+    # the angle is linear in the torque, so that its interval is that of the samples
     ends = intervals.of_mean_and_deviations(-(expected + offsets) / STIFFNESS, 3.0, 0.95) + LEAST
     np.testing.assert_allclose(found.constraints[0].interval, ends, rtol=1e-3)
     assert nominal.constraints[0].interval is None and np.isnan(nominal.goal_interval).all()
