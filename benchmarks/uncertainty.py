@@ -1,13 +1,15 @@
 """What intervals are worth, and samplers: how often intervals hold, and with how few samples a mean is known.
 
     python -m benchmarks.uncertainty coverage [ensemble.h5] [--values 100 --repetitions 2000]
+    python -m benchmarks.uncertainty coverage --sobol --values 512
     python -m benchmarks.uncertainty indices
     python -m benchmarks.uncertainty samplers rom.h5
 
 `coverage` describes 400 samples of 400 values from laws that are known, as an ensemble is described, and counts how
 often its intervals hold the true figures; 400 repetitions know a count of 95 % to 1.1 %. With an ensemble the laws are
 those of its outputs, whose figures over all samples count as true: 1,000,000 are split into 400 times 400 and more that
-have no part in each other. `samplers` runs ensembles of
+have no part in each other. With `--sobol` values are those of eight scrambled Sobol sequences in turn, through a sum
+of two normal variables, and the last columns say how wide intervals are beside those of independent values. `samplers` runs ensembles of
 scrambled Sobol points, 16 of each of six sizes with seeds of their own, and compares their means with that of a large
 one. Independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
 repeats Sobol indices of Ishigami's function, which are known.
@@ -27,11 +29,11 @@ from scipy import stats
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.batch import Plan
-from pgmp_petsc.ensemble.designs import Blocks
+from pgmp_petsc.ensemble.designs import Blocks, Replicates
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
-from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.statistics import describe, of_event
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.ending import end, guarded
@@ -46,6 +48,12 @@ LAWS = {
     "exponential": stats.expon(),
     "lognormal, s = 0.3": stats.lognorm(0.3),
     "beta(2, 5)": stats.beta(2.0, 5.0),
+}
+HEAVY = {
+    "lognormal, s = 0.6": stats.lognorm(0.6),
+    "lognormal, s = 1": stats.lognorm(1.0),
+    "Student's t, 5": stats.t(5.0),
+    "Student's t, 3.2": stats.t(3.2),
 }
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 RARE = 0.05  # probability of the event
@@ -63,11 +71,14 @@ class Law(NamedTuple):
     limit: float
 
 
-def known_laws(n_values: int, repetitions: int) -> Iterator[Law]:
+def known_laws(n_values: int, repetitions: int, sobol: bool = False) -> Iterator[Law]:
     """Yield laws in closed form."""
-    for number, (name, law) in enumerate(LAWS.items()):
+    for number, (name, law) in enumerate((LAWS | HEAVY if sobol else LAWS).items()):
         random = np.random.default_rng(number)
         samples = (law.rvs(n_values, random_state=random) for _ in range(repetitions))
+        if sobol:
+            points = (Replicates(seed, 2, N_REPLICATES).uniform(0, n_values) for seed in range(repetitions))
+            samples = (law.ppf(stats.norm.cdf(stats.norm.ppf(one).sum(axis=1) / np.sqrt(2.0))) for one in points)
         yield Law(name, samples, np.array([law.mean(), law.std(), *law.ppf(QUANTILES)]), law.isf(RARE))
 
 
@@ -85,20 +96,29 @@ def laws_of(path: Path, n_values: int, repetitions: int) -> Iterator[Law]:
         yield Law(name, samples, true, float(np.quantile(values, 1.0 - RARE)))
 
 
-def coverage(laws: Iterable[Law], n_values: int, repetitions: int) -> Table:
-    """Return how often intervals hold, in percent."""
-    rows = []
+def coverage(laws: Iterable[Law], n_values: int, repetitions: int, sobol: bool = False) -> Table:
+    """Return how often intervals hold, in percent, and of Sobol points how wide they are."""
+    rows, known = [], np.ones(n_values, dtype=bool)
+    replicates = np.arange(n_values) % N_REPLICATES if sobol else None
+
+    def ends_of(values: np.ndarray, limit: float, numbers: np.ndarray | None) -> np.ndarray:
+        found = describe(values, 10, QUANTILES, confidence=LEVEL, replicates=numbers)
+        chance = of_event(values > limit, known, ~known, numbers, LEVEL)[2]
+        return np.array([found.mean_interval, found.std_interval, *found.quantile_intervals, chance])
+
     for law in laws:
-        true, held = np.append(law.true, RARE), np.zeros(law.true.size + 1)
+        true, held, wide = np.append(law.true, RARE), np.zeros(law.true.size + 1), []
         for values in law.samples:
-            found = describe(values, 10, QUANTILES, confidence=LEVEL)
-            chance = intervals.of_probability(int(np.sum(values > law.limit)), n_values, LEVEL)
-            ends = np.array([found.mean_interval, found.std_interval, *found.quantile_intervals, chance])
+            ends = ends_of(values, law.limit, replicates)
             held += (ends[:, 0] <= true) & (true <= ends[:, 1])
-        rows.append([law.name, *(f"{100 * share:.1f}" for share in held / repetitions)])
+            if sobol:
+                wide.append(np.ptp(ends, axis=1) / np.ptp(ends_of(values, law.limit, None), axis=1))
+        beside = [f", {share:.2g}" for share in np.median(wide, axis=0)] if sobol else [""] * held.size
+        rows.append([law.name, *(f"{100 * share:.1f}{width}" for share, width in zip(held / repetitions, beside))])
     quantiles = (f"{100 * p:g} % quantile" for p in QUANTILES)
     header = ["law", "mean", "deviation", *quantiles, f"probability {RARE:g}"]
-    words = f"Intervals at {100 * LEVEL:g} % that hold the true figure, in % of {repetitions} samples of {n_values}."
+    words = f"Intervals at {100 * LEVEL:g} % that hold the true figure, in % of {repetitions} samples of {n_values}"
+    words += ", and how wide they are beside those of independent values." if sobol else "."
     return Table("Intervals", header, rows, words)
 
 
@@ -181,8 +201,9 @@ def main(arguments: argparse.Namespace) -> None:
         print(indices().markdown())
     else:
         size = arguments.values, arguments.repetitions
-        laws = known_laws(*size) if arguments.file is None else laws_of(arguments.file, *size)
-        print(coverage(laws, *size).markdown())
+        sobol = arguments.sobol
+        laws = known_laws(*size, sobol) if arguments.file is None else laws_of(arguments.file, *size)
+        print(coverage(laws, *size, sobol).markdown())
 
 
 if __name__ == "__main__":
@@ -192,7 +213,10 @@ if __name__ == "__main__":
     parser.add_argument("file", nargs="?", type=Path, help=words)
     parser.add_argument("--values", type=int, default=400, help="of a sample")
     parser.add_argument("--repetitions", type=int, default=400, help="samples of every law")
+    parser.add_argument("--sobol", action="store_true", help="values of Sobol sequences (coverage of known laws)")
     arguments = parser.parse_args()
+    if arguments.sobol and (arguments.what, arguments.file) != ("coverage", None):
+        parser.error("--sobol: for coverage of known laws")
     if arguments.what == "samplers" and arguments.file is None:
         parser.error("samplers: a reduced model is needed")
     start_petsc()

@@ -37,7 +37,8 @@ def lines_of(ensemble: Ensemble) -> list[str]:
         lines.append(f"  probabilities, {_percent(level)} intervals")
         for label, chance in ensemble.probabilities.items():
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
-            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {chance.count} of {chance.of}")
+            what = f"{chance.event}, {chance.count} of {chance.of}"
+            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{what}")
             if not chance.is_decided():
                 lines.append(f"  {'':24s}{chance.doubt()}")
     lines += _corrected(ensemble)

@@ -11,7 +11,7 @@ from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.fit import Fit
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import interval_text, percent, share_text
 from pgmp_petsc.runtime.remarks import Remark
 
 NOTHING = 1e-9  # share of what a constraint had at the start
@@ -89,14 +89,20 @@ def fit_lines(found: Fit) -> Iterator[str]:
 
 def design_lines(found: Design) -> Iterator[str]:
     """Yield goal, constraints and parameters of a design."""
-    robust = "" if found.deviations is None else f", mean and {found.deviations:g} deviations"
+    robust = ""
+    if found.deviations is not None:
+        of = f"{percent(found.confidence)} interval of mean and {found.deviations:g} deviations"
+        robust = f" {interval_text(found.goal_interval)}, {of}"
     yield f"  {'':40s}{'at the start':>14s}{'design':>14s}"
     yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{robust}"
     for constraint in found.constraints:
         how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
         # of what is just met nothing but round-off is left
-        left = 0.0 if constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start) else constraint.value
+        left = (
+            0.0 if constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start) else constraint.value
+        )
         begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in (constraint.start, left))
+        now += "" if constraint.interval is None else f" {interval_text(np.array(constraint.interval))}"
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:
         yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{_behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"

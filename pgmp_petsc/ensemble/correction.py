@@ -12,6 +12,7 @@ from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.quantities import came_true, quantities, quantity
+from pgmp_petsc.ensemble.statistics import is_constant, parts_of_tails
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.corrected import Corrected, Figure, Joined
 from pgmp_petsc.results.ensemble import Ensemble
@@ -98,6 +99,13 @@ class Levels:
         return [values[usable[: values.size]] for values in each], replicates
 
 
+    def events(self, label: str, event: Event) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return in which samples of every model an event came true, and of which it is known, bool."""
+        known = [one["status"] == Status.FINE for one in self.columns]
+        true = [came_true(event, label, one.of("outputs"), one.of("first_passages")) for one in self.columns]
+        return [one & of for one, of in zip(true, known)], known
+
+
 def join(scene: Scene, levels: Levels) -> Joined:
     """Return the figures of the best model, of every quantity and every event."""
     level, found = scene.ensemble.confidence, {}
@@ -108,9 +116,9 @@ def join(scene: Scene, levels: Levels) -> Joined:
         )
         if _are_enough(values[0].size, replicates):
             found[name] = corrected(values, level, replicates)
-    for label, true in _events(scene, levels).items():
-        if true[0].size >= joined.FEWEST:
-            found[label] = _probability(true, level)
+    for label, event in scene.ensemble.probabilities.items():
+        if levels.counts[0] >= joined.FEWEST:
+            found[label] = _probability(*levels.events(label, event), level)
     outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
     status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
     return Joined(levels.names, level, found, outputs, status)
@@ -155,15 +163,20 @@ def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.nd
     best, own = values[0], values[-1]
     nearer = joined.calibrated(values)
     n_curved = sum(one is not other for one, other in zip(nearer, values))
-    mean = joined.mean_of(nearer, replicates, n_curved)
-    deviation, of_deviation = joined.deviation_of(nearer, mean, confidence, replicates, n_curved)
+    parts = parts_alone = (0.0, 0.0)
+    if replicates is not None and not is_constant(own):
+        n_replicates = np.unique(replicates).size
+        parts, parts_alone = (parts_of_tails(nearer[-1], n / n_replicates) for n in (own.size, best.size))
+    mean = joined.mean_of(nearer, replicates, n_curved, parts[0])
+    # half of the part: the many values of the cheapest model know of the tails
+    deviation, of_deviation = joined.deviation_of(nearer, mean, confidence, replicates, n_curved, 0.5 * parts[1])
     # the cheapest model less the best, with the same controls
     bias = joined.mean_of([own[: best.size] - best, *values[1:]], replicates)
     if replicates is None:
         alone = intervals.of_mean(best, confidence), intervals.of_deviation(best, confidence)
     else:
-        of_best = joined.mean_of([best], replicates[: best.size])
-        squares = joined.deviation_of([best], of_best, confidence, replicates[: best.size])[1]
+        of_best = joined.mean_of([best], replicates[: best.size], part=parts_alone[0])
+        squares = joined.deviation_of([best], of_best, confidence, replicates[: best.size], part=parts_alone[1])[1]
         alone = of_best.interval(confidence), squares
     figures = {
         "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), alone[0]),
@@ -173,11 +186,12 @@ def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.nd
     return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)
 
 
-def _probability(true: Sequence[np.ndarray], confidence: float) -> Corrected:
-    value, ends = joined.probability_of(true, confidence)
-    n, count = true[0].size, int(true[0].sum())
-    figure = Figure(value, ends, count / n, intervals.of_probability(count, n, confidence))
-    return Corrected({"estimate": figure}, np.array([one.size for one in true]), np.zeros(0), np.zeros(0))
+def _probability(true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float) -> Corrected:
+    value, ends = joined.probability_with_failed(true, known, confidence)
+    count, n, n_failed = int(true[0].sum()), int(known[0].sum()), int(np.sum(~known[0]))
+    alone = intervals.of_probability(count, n, confidence, n_failed)
+    figure = Figure(value, ends, count / n if n else np.nan, alone)
+    return Corrected({"estimate": figure}, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
 
 
 def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
@@ -222,7 +236,8 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
         remarks.append(
             warning(
                 f"{found.n_failed} samples of better models failed (/better/<model>/status); /corrected is without "
-                f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased"
+                f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased; "
+                "intervals of probabilities count all failed ones both ways"
             )
         )
     return tuple(remarks)

@@ -61,7 +61,8 @@ def failure_remarks(
             warning(
                 f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
                 f"no mean, deviation, density, probability, band or index, which would hide that"
-                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds, and the intervals of probabilities, hold. Cure: {cure}; "
+                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold, and "
+                f"intervals of probabilities. Cure: {cure}; "
                 "--override ensemble.failed_share=1.0 describes the others"
             )
         )

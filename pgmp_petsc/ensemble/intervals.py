@@ -22,6 +22,7 @@ probabilities only. What too few values leave open is infinite, or NaN where not
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -69,6 +70,21 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     student = _student(confidence, freedom_of(scaled, n - 1))
     spread = student * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
+
+
+def of_mean_and_deviations(values: np.ndarray, times: float, confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of the mean of independent values (n,) and so many of their deviations together.
+
+    Both intervals are put together by squares, with the correlation of the two estimates, ``mu_3 / (s sqrt(mu_4 -
+    s^4))`` (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702). NaN of less than five values.
+    """
+    mean, deviation = np.mean(values), np.std(values, ddof=1) if values.size > 1 else np.nan
+    ends = np.array([of_mean(values, confidence) - mean, times * (of_deviation(values, confidence) - deviation)])
+    scaled = (values - mean) / deviation if deviation > 0.0 else np.zeros(values.size)
+    spread = np.mean(scaled**4) - 1.0
+    correlation = np.clip(np.mean(scaled**3) / np.sqrt(spread), -1.0, 1.0) if spread > 0.0 else 0.0
+    squares = np.sum(ends**2, axis=0) + 2.0 * correlation * ends[0] * ends[1]
+    return mean + times * deviation + np.array([-1.0, 1.0]) * np.sqrt(np.maximum(squares, 0.0))
 
 
 def of_quantiles(
@@ -215,6 +231,45 @@ def of_replicates(
     student = _student(confidence, n - 1 if freedom is None else freedom)
     reach = student * np.std(figures, axis=0, ddof=1) / np.sqrt(n)
     return np.asarray(centre)[..., None] + np.asarray(reach)[..., None] * np.array([-1.0, 1.0])
+
+
+def of_weighted(rounds: Sequence[np.ndarray], confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of a mean of weights (n,) in independent rounds, of its logarithm.
+
+    Student's t has the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves their
+    variance: a few large weights decide on it. NaN where all are zero.
+    """
+    every = np.concatenate(rounds)
+    if not every.any():
+        return UNKNOWN
+    variation = np.sqrt(sum(one.size * one.var(ddof=1) for one in rounds)) / every.sum()
+    worth = every.sum() ** 2 / np.sum(every**2)
+    freedom = freedom_of(np.concatenate([one - one.mean() for one in rounds]), worth - 1.0)
+    reach = np.sqrt(np.log1p(variation**2)) * _student(confidence, max(freedom, 1.0))
+    return np.minimum(every.mean() * np.exp([-reach, reach]), 1.0)
+
+
+def with_failed(
+    ends: np.ndarray, rounds: Sequence[np.ndarray], n_failed: int, n_plain: int, confidence: float
+) -> np.ndarray:
+    """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
+
+    Parameters
+    ----------
+    ends
+        Of the event without the failed samples, (2,).
+    rounds
+        Weights of the samples of each round that are in the event or failed, 0 of others.
+    n_failed, n_plain
+        How many of the plain samples, from which the search begins, failed: where weighted samples do not come, they
+        alone tell how likely that is.
+    confidence
+        Level of the interval.
+    """
+    of_weights = of_weighted(rounds, confidence)[1] if len(rounds) else np.nan
+    of_plain = of_probability(n_failed, n_plain, confidence)[1] if n_failed or np.isnan(ends[1]) else np.nan
+    high = np.fmax(np.fmax(ends[1], of_weights), of_plain)
+    return np.array([0.0 if np.isnan(ends[0]) and np.isfinite(high) else ends[0], high])
 
 
 def freedom_of(values: np.ndarray, most: float) -> float:

@@ -21,7 +21,7 @@ show.
 A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 -
 p_2)``: of the common samples a is the share in which the event comes true in the better model where it does in the
 cheaper one, b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970)
-1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; Wilson's
+1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; that
 of the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
 1693-1702).
 Quantiles are no means, and have no part in this.
@@ -56,6 +56,8 @@ class Estimate:
         Degrees of freedom of the variance.
     coefficients, correlations
         Of the cheaper models with the best one, each (k - 1,).
+    apart
+        Of replicates: the estimate as of independent samples, and the part that its interval has (`parts_of_tails`).
     """
 
     value: float
@@ -63,12 +65,14 @@ class Estimate:
     freedom: float
     coefficients: np.ndarray
     correlations: np.ndarray
+    apart: tuple[Estimate, float] | None = None
 
     def reach(self, confidence: float) -> float:
         """Return half the width of the interval."""
         from scipy.special import stdtrit
 
-        return float(stdtrit(self.freedom, 0.5 + 0.5 * confidence) * np.sqrt(self.variance))
+        own = float(stdtrit(self.freedom, 0.5 + 0.5 * confidence) * np.sqrt(self.variance))
+        return own if self.apart is None else float(np.hypot(own, self.apart[1] * self.apart[0].reach(confidence)))
 
     def interval(self, confidence: float) -> np.ndarray:
         """Return the interval (low, high)."""
@@ -112,7 +116,9 @@ def _calibrated(best: np.ndarray, other: np.ndarray) -> np.ndarray:
     return slope * line + curvature * parabola if curved < limit * straight else other
 
 
-def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0) -> Estimate:
+def mean_of(
+    values: Sequence[np.ndarray], replicates: np.ndarray | None = None, n_curved: int = 0, part: float = 0.0
+) -> Estimate:
     """Return the mean of the best model.
 
     Parameters
@@ -126,6 +132,8 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None, 
         in turn with the coefficients of the others.
     n_curved
         Number of models that `calibrated` has taken through a parabola: one more coefficient each.
+    part
+        That the interval as of independent samples has in that of replicates.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -165,7 +173,8 @@ def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None, 
                 freedoms.append(intervals.freedom_of(each, max(n - 1, 1)))
     variance, sums = float(np.sum(parts)), float(np.sum(np.array(parts) ** 2 / np.array(freedoms)))
     freedom = variance**2 / sums if sums > 0.0 else float(freedoms[0])
-    return Estimate(value, variance, freedom, coefficients, correlations)
+    apart = (mean_of(values, None, n_curved), part) if replicates is not None and part > 0.0 else None
+    return Estimate(value, variance, freedom, coefficients, correlations, apart)
 
 
 def _mean(values: Sequence[np.ndarray], coefficients: np.ndarray) -> float:
@@ -202,6 +211,7 @@ def deviation_of(
     confidence: float,
     replicates: np.ndarray | None = None,
     n_curved: int = 0,
+    part: float = 0.0,
 ) -> tuple[float, np.ndarray]:
     """Return the standard deviation of the best model and its interval (2,).
 
@@ -209,11 +219,12 @@ def deviation_of(
 
     Parameters
     ----------
-    values, mean, replicates, n_curved
+    values, mean, replicates, n_curved, part
         As `mean_of` takes and gives them.
     """
+    n_taken = n_curved + (replicates is not None)  # of few replicates the mean takes one more degree
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
-    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)], replicates, n_curved)
+    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)], replicates, n_taken, part)
     variance = squares.value + mean.variance  # squares about the mean of the same samples are too small by that
     if not variance > 0.0:
         return float("nan"), intervals.UNKNOWN
@@ -252,6 +263,28 @@ def probability_of(came_true: Sequence[np.ndarray], confidence: float) -> tuple[
         value = kept * value + gained * (1.0 - value)
         low, high = value + np.array([-1.0, 1.0]) * np.sqrt(np.sum(steps**2, axis=0))
     return value, np.clip([low, high], 0.0, 1.0)
+
+
+def probability_with_failed(
+    came_true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float
+) -> tuple[float, np.ndarray]:
+    """Return the probability of an event over the draws that are known in all models, and an interval (2,) in which
+    the others are outside the event in every model at its lower end, and in it at the upper one.
+
+    Parameters
+    ----------
+    came_true, known
+        Of every model, bool, as `mean_of` takes values; draws that are not known did not come true.
+    """
+    each = [known[-1][: one.size] for one in came_true]
+    for one in known[:-1]:
+        each = [of & np.concatenate([one, np.ones(max(of.size - one.size, 0), dtype=bool)])[: of.size] for of in each]
+    value, ends = probability_of([one[of] for one, of in zip(came_true, each)], confidence)
+    if all(of.all() for of in known):
+        return value, ends
+    low = probability_of([one & of for one, of in zip(came_true, known)], confidence)[1][0]
+    high = probability_of([one | ~of for one, of in zip(came_true, known)], confidence)[1][1]
+    return value, np.array([min(low, ends[0]), max(high, ends[1])])
 
 
 def _share(true: np.ndarray, of_none: float, confidence: float) -> tuple[float, np.ndarray]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble import rare_events
+from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
@@ -225,7 +225,11 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel), confidence), *draw_remarks(scene))
+    said = (
+        *scene.remarks,
+        *rare_remarks(found, status, isinstance(model, FullModel), confidence),
+        *draw_remarks(scene),
+    )
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
@@ -236,7 +240,7 @@ def _result(
         unit=unit,
         confidence=confidence,
         estimate=found.probability,
-        interval=found.interval(confidence),
+        interval=with_failed(found, confidence),
         variation=found.variation,
         at_most=found.at_most,
         n_effective=found.n_effective,
@@ -252,6 +256,20 @@ def _result(
         parameters=parameters,
         status=status,
     )
+
+
+def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
+    """Return the interval of the probability, (2,), in which failed samples are outside the event at the lower end, and
+    in it at the upper one: the weighted ones, and the plain ones from which the search begins."""
+    ends = found.interval(confidence)
+    plain = found.levels[0].before if found.levels else found.limit_state
+    if not np.isnan(found.limit_state).any():
+        return ends
+    own = found.limit_state[found.limit_state.size - found.weights.size :]
+    rounds = (
+        np.split(np.where(own > found.weighed, 0.0, found.weights), np.cumsum(found.rounds)[:-1]) if own.size else []
+    )
+    return intervals.with_failed(ends, rounds, int(np.sum(~np.isfinite(plain))), plain.size, confidence)
 
 
 def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> list[Remark]:
@@ -297,7 +315,8 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
             )
     if n_failed:
         most = f"; with all of them in the event the probability would be {found.at_most:.4g}" if found.reached else ""
-        remarks.append(warning(f"{n_failed} of {status.size} samples failed and count as not in the event{most}"))
+        both = "count as not in the event, and in the upper end of the interval as in it"
+        remarks.append(warning(f"{n_failed} of {status.size} samples failed and {both}{most}"))
     if not whole:
         remarks.append(
             note(

@@ -204,8 +204,8 @@ def _of_replicates(n: int, n_replicates: int, size: int) -> list[Remark]:
     """Return what is to be said of the number of samples of scrambled sequences, of each point of which `size` are."""
     remarks = [
         note(
-            f"intervals of mean and deviation follow from the spread between {n_replicates} scrambled Sobol sequences; "
-            "those of quantiles and probabilities take samples for independent, which as a rule makes them too wide"
+            f"intervals follow from the spread between {n_replicates} scrambled Sobol sequences; of probabilities that "
+            "came true in a few samples they are wider than those of independent ones"
         )
     ]
     each = n // (n_replicates * size)

@@ -12,9 +12,10 @@ from pgmp_petsc.results.statistics import Statistics
 
 MOST_BINS = 200
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same in all samples
-# Kurtosis from that of a normal law on, at which the interval of independent values has a part in that of replicates.
-# Replicates share the outermost slices of the parameters, so that what heavy tails do there hardly differs between them
-NORMAL, HEAVY = 3.0, 6.0
+# Of one sample of its outermost slice of the parameters each, replicates know little of what tails do there. So the
+# interval as of independent values has a part in theirs: of a deviation from the kurtosis of a normal law on, all of it
+# at HEAVY; of a mean so many times the root of the samples of a replicate, and that in full at a skewness of SKEW
+NORMAL, HEAVY, SKEW, OF_MEAN = 3.0, 6.0, 2.0, 1.6
 MATTERS = 0.1  # of a probability: less of it is not worth a better model
 
 
@@ -56,16 +57,19 @@ def describe(
     size
         Of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no deviation.
     """
-    constant = is_constant(values, size)
+    constant = values.size > 1 and is_constant(values, size)
     if constant:
-        values = np.full(values.size, np.mean(values)) if values.size else values
+        values = np.full(values.size, np.mean(values))
     probabilities = np.asarray(probabilities, dtype=float)
     ordered = np.sort(values)
     pdf, edges = _density(values, bins) if values.size else (np.empty(0), np.empty(0))
     mean = float(np.mean(values)) if values.size else float("nan")
     std = float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
     sizes = None
-    if replicates is None or constant:
+    if constant:
+        mean, std, errors = float(values[0]), 0.0, (0.0, 0.0)
+        of_mean, of_deviation = np.full(2, mean), np.zeros(2)
+    elif replicates is None:
         errors = (float(std / np.sqrt(max(values.size, 1))), _error_of_deviation(values, std))
         of_mean = intervals.of_mean(values, confidence)
         of_deviation = intervals.of_deviation(values, confidence)
@@ -87,7 +91,7 @@ def describe(
         std_interval=of_deviation,
         quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes),
         confidence=confidence,
-        constant=constant and values.size > 1,
+        constant=constant,
     )
 
 
@@ -118,12 +122,25 @@ def _between(
     variance = float(np.mean(squares)) + error**2
     freedom = intervals.freedom_of(variances, numbers.size - 1)
     low, high = intervals.of_replicates(0.0, variances / variance, confidence, freedom)
-    heavy = float(np.clip((np.mean(squares**2) / variance**2 - NORMAL) / (HEAVY - NORMAL), 0.0, 1.0))
-    alone = intervals.of_deviation(values, confidence)
-    reach = float(np.hypot(0.5 * (high - low), heavy * np.log(alone[1] / alone[0]) if heavy > 0.0 else 0.0))
+    skewed, heavy = parts_of_tails(values, values.size / numbers.size)
+    alone, reach = intervals.of_deviation(values, confidence), 0.5 * (high - low)
+    reach = float(np.hypot(reach, heavy * np.log(alone[1] / alone[0]))) if heavy > 0.0 else reach
     std = float(np.sqrt(variance))
-    of_mean = intervals.of_replicates(mean, means, confidence)
+    reaches = [0.5 * np.ptp(intervals.of_replicates(mean, means, confidence))]
+    reaches.append(skewed * 0.5 * np.ptp(intervals.of_mean(values, confidence)))
+    of_mean = mean + np.hypot(*reaches) * np.array([-1.0, 1.0])
     return (error, spread / (2.0 * std)), of_mean, std, std * np.exp(0.5 * reach * np.array([-1.0, 1.0]))
+
+
+def parts_of_tails(values: np.ndarray, of_replicate: float) -> tuple[float, float]:
+    """Return the parts that intervals as of independent values (n,) have in those of replicates, of so many samples
+    each: of the mean, and of the deviation."""
+    scaled = values - np.mean(values)
+    scaled /= np.std(values)
+    squares = scaled**2
+    skewness, kurtosis = float(np.mean(squares * scaled)), float(np.mean(squares**2))
+    of_mean = OF_MEAN / np.sqrt(of_replicate) * min(abs(skewness) / SKEW, 1.0)
+    return min(of_mean, 1.0), float(np.clip((kurtosis - NORMAL) / (HEAVY - NORMAL), 0.0, 1.0))
 
 
 def _equivalent_sizes(

@@ -191,7 +191,8 @@ def _statistics(source: Source, several: bool) -> Table:
         factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
         place = Place(source.name, f"/statistics/{name}")
         if s.constant:
-            mean, count = place.datum("mean", s.mean, f"{factor * s.mean:.6g}"), place.datum("count", s.count, f"{s.count}")
+            mean = place.datum("mean", s.mean, f"{factor * s.mean:.6g}")
+            count = place.datum("count", s.count, f"{s.count}")
             title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
             rows.append([[title], [mean], ["constant"], [count], *([[]] * s.probabilities.size)])
             continue

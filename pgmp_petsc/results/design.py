@@ -12,6 +12,9 @@ dataset                      shape                    content
 ``/goal``                    (2)                      the goal at the start and of the design
 ``/constraints``             (n_constraints, 2)       by how much each is missed, at the start and of the design;
                                                       negative: it holds with room to spare
+``/goal_interval``           (2)                      confidence interval of the goal over other samples, attribute
+                                                      ``confidence``; this and the next NaN of nominal figures
+``/constraint_intervals``    (n_constraints, 2)       the same of by how much each is missed
 ``/active``                  (n_constraints)          whether the design is at it
 ``/search/designs``          (n, n_parameters)        designs that were tried, in order
 ``/search/goal``             (n)                      the goal there
@@ -25,7 +28,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -49,13 +52,14 @@ class DesignParameter:
 
 @dataclass(frozen=True)
 class DesignConstraint:
-    """A constraint as it was written, by how much it is missed at the start and of the design, and whether the design
-    is at it."""
+    """A constraint as it was written, by how much it is missed at the start and of the design, whether the design is at
+    it, and between what it is missed over other samples, with the design's confidence; None of nominal figures."""
 
     text: str
     start: float
     value: float
     active: bool
+    interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,8 @@ class Design:
     begun, designed : dict of str to ndarray, shape (n_t,)
     units : dict of str to str
     converged : bool
+    goal_interval : ndarray, shape (2,)
+    confidence : float
     """
 
     record: RunRecord
@@ -95,8 +101,11 @@ class Design:
     designed: dict[str, np.ndarray]
     units: dict[str, str]
     converged: bool
+    goal_interval: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    confidence: float = 0.95
 
     def __post_init__(self) -> None:
+        check_shape("goal_interval", self.goal_interval, (2,))
         check_shape("tried", self.tried, (None, len(self.parameters)))
         check_shape("goals", self.goals, (len(self.tried),))
         for outputs in (self.begun, self.designed):
@@ -124,6 +133,10 @@ class Design:
             put(file, "goal", np.array([self.goal_start, self.goal_value]), "1", "goal at the start and of the design")
             missed = np.array([[c.start, c.value] for c in self.constraints]).reshape(-1, 2)
             put(file, "constraints", missed, "1", "by how much each is missed, at the start and of the design")
+            about = f"{100 * self.confidence:g} % confidence interval over other samples; NaN of nominal figures"
+            put(file, "goal_interval", self.goal_interval, "1", about).attrs["confidence"] = self.confidence
+            ends = np.array([c.interval or (np.nan, np.nan) for c in self.constraints]).reshape(-1, 2)
+            put(file, "constraint_intervals", ends, "1", about)
             active = np.array([c.active for c in self.constraints], dtype=np.int8)
             put(file, "active", active, "1", "whether the design is at the constraint")
             put(file, "search/designs", self.tried, unit, "designs that were tried")
@@ -142,12 +155,17 @@ class Design:
             rows = [take_known(file, "starts", 1), take_known(file, "values", 1), *take_known(file, "limits", 2).T]
             missed, active = take_known(file, "constraints", 2), take(file, "active", 1)
             deviations = float(file.attrs["deviations"])
+            nominal, of_goal = np.isnan(deviations), take(file, "goal_interval", 1)
+            between = take(file, "constraint_intervals", 2)
+            ends = [None if nominal else tuple(map(float, row)) for row in between]
             return cls(
                 RunRecord.read(file),
                 str(file.attrs["goal"]),
                 *map(float, take_known(file, "goal", 1)),
                 tuple(DesignParameter(*words, *map(float, row)) for *words, row in zip(names, units, np.array(rows).T)),
-                tuple(DesignConstraint(t, *map(float, m), bool(a)) for t, m, a in zip(texts, missed, active)),
+                tuple(
+                    DesignConstraint(t, *map(float, m), bool(a), e) for t, m, a, e in zip(texts, missed, active, ends)
+                ),
                 take_known(file, "search/designs", 2),
                 take(file, "search/goal", 1),
                 None if np.isnan(deviations) else deviations,
@@ -157,4 +175,6 @@ class Design:
                 take_named(file, "designed", 1, take_known),
                 units_of(file, "designed"),
                 bool(file.attrs["converged"]),
+                of_goal,
+                float(file["goal_interval"].attrs["confidence"]),
             )

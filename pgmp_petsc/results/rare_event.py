@@ -4,7 +4,8 @@
 dataset                      shape        meaning
 ============================ ============ ============================================================================
 ``/probability/estimate``    scalar       NaN where the event was not reached
-``/probability/interval``    (2)          confidence interval; from 0 to a bound where the event was not reached
+``/probability/interval``    (2)          confidence interval; failed samples are outside the event at its lower end,
+                                           and in it at the upper one; from 0 to a bound where the event was not reached
 ``/probability/variation``   scalar       coefficient of variation of the estimate
 ``/probability/at_most``     scalar       the estimate if all failed samples had been in the event
 ``/probability/n_effective`` scalar       number of equally weighted samples in the event that would be as good

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT_VERSION = 2
-VERSIONS = {"rom": 5, "ensemble": 3, "trajectory": 3}  # of kinds that have changed since
+VERSIONS = {"rom": 5, "ensemble": 3, "trajectory": 3, "design": 3}  # of kinds that have changed since
 WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
@@ -65,6 +66,8 @@ class DesignFigures:
         Designs that could not.
     count
         Called with a number of runs after they were made.
+    of_samples
+        Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: MPI.Comm) -> None:
@@ -84,6 +87,7 @@ class DesignFigures:
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
         self.count: Callable[[int], object] = lambda n: None
+        self.of_samples = np.zeros((0, 1 + len(question.constraints)))
 
     def _drawn(self) -> dict[str, np.ndarray] | None:
         """Return the samples: deviations of designed parameters from the design, values of the others, (n_samples,)."""
@@ -171,6 +175,7 @@ class DesignFigures:
         if stopped:
             return found[stopped[0]]
         rows = [found[sample] for sample in range(self.n_samples)]
+        self.of_samples = np.array([[dual.value for dual in row] for row in rows])
         return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
@@ -205,6 +210,16 @@ class DesignFigures:
         times = self._question.deviations
         spread = (values - mean) @ slopes / ((values.size - 1) * std) if std > 0.0 else np.zeros(slopes.shape[1])
         return Dual(mean + times * std, slopes.mean(axis=0) + times * spread)
+
+    def intervals(self, confidence: float) -> np.ndarray:
+        """Return the intervals of goal and constraints of the last design over other samples, (n_figures, 2).
+
+        NaN of nominal ones. Samples of every sampler count as independent.
+        """
+        if self._offsets is None:
+            return np.full((self.of_samples.shape[1], 2), np.nan)
+        times = self._question.deviations
+        return np.array([of_mean_and_deviations(one, times, confidence) for one in self.of_samples.T])
 
     def size_of(self, number: int, design: np.ndarray) -> float:
         """Return the size of a constraint: that of its right-hand side at a design, or of what it misses."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
+from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.runtime.files import RunRecord
@@ -110,17 +111,21 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
             last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]
     converged = done.status in (0, DESCENT_ENDED) and not missed
+    confidence = model.scene.ensemble.confidence
+    ends = figures.intervals(confidence)
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     remarks = (
         *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
-        *_of_robust(question, figures), *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
+        *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended),
+        *model.scene.remarks,
     )  # fmt: skip
     sense = question.goal.sense
     described = [
         DesignConstraint(
             constraint.text, float(first[1 + k].value), float(last[1 + k].value),
             bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
+            None if question.deviations is None else tuple(map(float, ends[1 + k])),
         )
         for k, constraint in enumerate(question.constraints)
     ]  # fmt: skip
@@ -136,7 +141,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
                   timings.as_dict(), remarks),
         question.goal.text, sense * first[0].value, sense * last[0].value, tuple(parameters), tuple(described),
         np.array(figures.tried), sense * np.array(figures.goals), question.deviations, figures.n_samples,
-        time, at_begin, at_end, dict(model.outputs.units), converged,
+        time, at_begin, at_end, dict(model.outputs.units), converged, np.sort(sense * ends[0]), confidence,
     )  # fmt: skip
 
 
@@ -186,16 +191,30 @@ def _of_idle(question: Question, *designs: Sequence[Dual]) -> list[Remark]:
     ]
 
 
-def _of_robust(question: Question, figures: DesignFigures) -> list[Remark]:
-    """Return what robust figures are of."""
+def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, confidence: float) -> list[Remark]:
+    """Return what robust figures are of, and which constraints these samples do not show to be met.
+
+    `ends` are the intervals of goal and constraints, (n_figures, 2).
+    """
     if question.deviations is None:
         return []
+    open_ones = [
+        f"'{constraint.text}' (missed by {interval_text(of)})"
+        for constraint, of in zip(question.constraints, ends[1:])
+        if of[1] > 0.0
+    ]
+    unsure = []
+    if open_ones:
+        what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
+        cure = "take a larger --samples, or ask for more room"
+        unsure.append(note(f"{what}, {percent(confidence)} interval: {cure}"))
     return [
+        *unsure,
         note(
             f"every figure is its mean and {question.deviations:g} deviations on the unfavourable side, over "
             f"{figures.n_samples} samples (seed {question.seed}), the same of every design; parameters of the design "
-            "vary about it as their distributions do about their nominal values. Sampling leaves an error that a "
-            "larger --samples makes smaller"
+            "vary about it as their distributions do about their nominal values. Intervals are those of other samples "
+            "of this design; as it was chosen on its own samples, its goal is rather too good"
         ),
         *(
             note(

@@ -14,6 +14,7 @@ from runs import PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results.numbers import interval_text
 from pgmp_petsc.scene import scene_from_toml
 
 UNCERTAIN = (
@@ -86,7 +87,7 @@ def test_figures_over_time_are_those_of_single_runs(folder: Path, rom: Path, sob
 def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], folder: Path) -> None:
     ensemble, said = sobol
     assert "95 % interval" in said and "crank_angle below 0 rad at the end, 0 of 64 samples" in said
-    assert "note: intervals of mean and deviation follow from the spread between 8 scrambled Sobol sequences" in said
+    assert "note: intervals follow from the spread between 8 scrambled Sobol sequences" in said
     assert "mean, deviation and quantiles of 64 samples at 11 instants" in said
     assert "64 samples are too few to rank parameters" in said
     assert "begun: first passage" in said
@@ -188,3 +189,92 @@ def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path)
     fixed = overridden("parameters.r1={nominal=5.6e-3}")
     done = pgmp("montecarlo", rom, *words, *fixed, status=2)
     assert f"--set r1=5e-3: every sample takes 'r1' from --samples {table}; leave one of them out" in done.stderr
+
+
+# A rigid bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
+BAR = """
+[scene]
+name = "bar"
+[parameters.a]
+nominal = 1.0
+distribution = { name = "norm", loc = 1.0, scale = 0.3 }
+[parameters.w]
+nominal = 0.5
+distribution = { name = "uniform", loc = 0.0, scale = 1.0 }
+[materials.steel]
+E = 210e9
+nu = 0.3
+rho = 2500.0
+[bodies.bar]
+line = { length = 1.0, elements = 2 }
+element = "beam2d"
+material = "steel"
+section = { shape = "rectangle", width = 0.02, height = 0.02 }
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "bar:hinge"]
+[coordinates.theta]
+joint = "hinge"
+range = [-0.5, 1.3]
+[effects.torque]
+type = "torque"
+joint = "hinge"
+table = [[0.0, 1.0], [1.0, 1.0]]
+scale = "a"
+[effects.flywheel]
+type = "point_mass"
+point = "bar:hinge"
+mass = 1.0
+inertia = 1.0
+[reduction]
+modes = 1
+angles = 12
+[simulation]
+duration = 1.0
+step = 0.05
+[simulation.initial.theta]
+velocity = "w"
+[ensemble]
+bands = 0
+sampler = "sobol"
+[ensemble.probabilities.far]
+output = "angle"
+above = 1.25
+[outputs.angle]
+type = "angle"
+joint = "hinge"
+[outputs.still]
+type = "position"
+point = "bar:hinge"
+axis = "y"
+[outputs.bend]
+type = "deformation"
+point = "bar:tip"
+axis = "y"
+frame = "body"
+"""
+
+
+def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the_file(tmp_path: Path) -> None:
+    """All that fail are in the event: the interval of the others is below the true probability, worked out here."""
+    (tmp_path / "bar.toml").write_text(BAR)
+    pgmp("build", tmp_path / "bar.toml", "-o", tmp_path / "bar.h5")
+    said = pgmp("montecarlo", tmp_path / "bar.h5", "-n", 512, "-o", tmp_path / "many.h5", status=1).stdout
+    (line,) = (line for line in said.splitlines() if line.split()[:1] == ["far"])
+    random = np.random.default_rng(0)
+    angle = random.uniform(size=10**6) + random.normal(1.0, 0.3, 10**6) / (8.0 / 3.0)
+    true = float(np.mean(angle > 1.25))
+    found = Ensemble.read(tmp_path / "many.h5")
+    chance, n_failed = found.probabilities["far"], int(np.count_nonzero(found.status))
+    assert n_failed > 20
+    assert f"{chance.count} of {512 - n_failed} samples, {n_failed} more failed and count both ways" in line
+    assert (chance.n, chance.n_failed) == (512 - n_failed, n_failed)
+    low, high = chance.interval
+    assert low <= true <= high and interval_text(chance.interval) in line
+    assert chance.estimate < true - 0.05
+    of_event = json.loads(pgmp("info", tmp_path / "many.h5", "--json").stdout)["probabilities"]["far"]
+    assert of_event["failed"] == n_failed and of_event["interval"] == [low, high] and of_event["decided"] is True
+    # the hinge stands still
+    assert found.statistics["still"].constant and "still" not in found.sobol
+    assert next(line for line in said.splitlines() if line.split()[:1] == ["still"]).split()[2] == "constant"
+    assert "note: still is constant" in said

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.rare_events import find
+from pgmp_petsc.ensemble.rare_run import with_failed
 from pgmp_petsc.ensemble.retry import has_steps_left
 
 N = 400
@@ -79,3 +83,33 @@ def test_smaller_steps_are_noted() -> None:
     )
     assert given_up.startswith("1 of the samples that failed were tried with steps down to 1/8")
     assert step_remarks(np.zeros(3), np.ones(3), 1e-3) == ()
+
+
+@pytest.mark.parametrize("case", ["one side", "beyond", "all"])
+def test_failed_samples_are_in_the_interval_of_a_rare_event_both_ways(case: str) -> None:
+    """Half of the event fails, on one side of it or beyond it, or all of it: without them no interval holds."""
+    true, held, held_of_others, n_seeds = stats.norm.sf(3.3), 0, 0, 12
+
+    def limit_state(u: np.ndarray) -> np.ndarray:
+        failed = {"one side": (u[:, 0] > 3.3) & (u[:, 1] > 0.0), "beyond": u[:, 0] > 3.5, "all": u[:, 0] > 3.3}[case]
+        return np.where(failed, np.nan, 3.3 - u[:, 0])
+
+    for seed in range(n_seeds):
+        found = find(limit_state, 2, 1500, seed)
+        (low, high), others = with_failed(found, 0.95), found.interval(0.95)
+        held += low <= true <= high
+        held_of_others += found.reached and others[0] <= true <= others[1]
+        assert case == "all" or low == others[0] and high >= others[1]
+    assert held >= stats.binom(n_seeds, 0.95).ppf(1e-3) and held_of_others <= 1
+
+
+def test_plain_samples_that_failed_may_all_be_in_the_event() -> None:
+    """Weights say nothing of them where weighted samples do not come."""
+    rounds = [np.full(100, 1e-4), np.full(200, 1e-4)]
+    ends = intervals.of_weighted(rounds, 0.95)
+    np.testing.assert_allclose(intervals.with_failed(ends, rounds, 0, 250, 0.95), ends)
+    upper = stats.binomtest(3, 250).proportion_ci(0.95, "exact").high
+    np.testing.assert_allclose(intervals.with_failed(ends, rounds, 3, 250, 0.95), [ends[0], upper])
+    not_reached = intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95)
+    np.testing.assert_allclose(not_reached, [0.0, 1 - 0.025 ** (1 / 250)])
+    assert np.isnan(intervals.of_weighted([np.zeros(4)], 0.95)).all()

@@ -259,6 +259,27 @@ def test_a_probability_is_the_likeliest_of_double_samples() -> None:
     assert joined.probability_of([best, cheap], LEVEL)[0] == pytest.approx(a * p + b * (1.0 - p), rel=1e-5)
 
 
+def test_failed_draws_are_in_the_interval_of_a_probability_both_ways() -> None:
+    """Half of the event fails in both models, and some of the better one's runs besides; the truth is 0.1."""
+    random, held, held_of_others, repetitions = np.random.default_rng(15), 0, 0, 200
+    limit, far = stats.norm.isf([0.1, 0.05])
+    for _ in range(repetitions):
+        x, e = random.normal(size=(2, 2000))
+        best = (x + 0.05 * e)[:200] / np.sqrt(1.0 + 0.05**2)
+        known = [(best < far) & (random.random(200) < 0.97), x < far]
+        true = [(best > limit) & known[0], (x > limit) & known[1]]
+        value, ends = joined.probability_with_failed(true, known, LEVEL)
+        held += ends[0] <= 0.1 <= ends[1]
+        each = known[0] & known[1][:200], np.concatenate([known[0] & known[1][:200], known[1][200:]])
+        without = joined.probability_of([one[of] for one, of in zip(true, each)], LEVEL)
+        held_of_others += without[1][0] <= 0.1 <= without[1][1]
+        assert value == without[0]
+    assert held >= stats.binom(repetitions, LEVEL).ppf(1e-4) and held_of_others < 0.9 * repetitions
+    fine = [np.ones(one.size, dtype=bool) for one in true]
+    plain = joined.probability_of(true, LEVEL)
+    np.testing.assert_array_equal(joined.probability_with_failed(true, fine, LEVEL)[1], plain[1])
+
+
 def test_agreement_of_few_samples_proves_little() -> None:
     same = np.zeros(10_000, dtype=bool)
     value, ends = joined.probability_of([same[:50], same], LEVEL)

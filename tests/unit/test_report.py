@@ -18,15 +18,17 @@ import numpy as np
 import pytest
 import synthetic
 
+from pgmp_petsc.cli.ensemble_table import lines_of
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget
 from pgmp_petsc.report.charts import Level, distribution
 from pgmp_petsc.report.downloads import downloads_of
-from pgmp_petsc.report.headlines import headline_of_comparison
+from pgmp_petsc.report.headlines import headline_of_comparison, headline_of_ensemble
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.sources import read_sources
-from pgmp_petsc.results import Attempt, Balance, Selection
+from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import write_file
 from pgmp_petsc.runtime.remarks import note, warning
@@ -119,6 +121,54 @@ def test_every_figure_is_that_of_its_file(folder: Path, tree: Element) -> None:
     assert paths >= {"statistics", "probabilities", "errors", "mesh", "timings", "parameters", "validity"}
     for item in figures:
         np.testing.assert_array_equal(float(item.get("value")), stored(folder, item), err_msg=str(item.attrib))
+
+
+def with_event(result: Ensemble | Trajectory) -> Ensemble | Trajectory:
+    """Return a result of the scene with the event."""
+    return replace(result, record=replace(result.record, scene_toml=result.record.scene_toml + EVENT))
+
+
+def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_path: Path) -> None:
+    """The error of the angle is measured against the full-order run, and known to the ensemble in one case."""
+    for model in ("reduced", "full"):
+        with_event(synthetic.trajectory(model)).write(tmp_path / f"{model}.h5")
+    found = with_event(synthetic.described())
+    late = found.probabilities["late"]
+    assert late.is_decided()
+    for error, limit, decided in ((np.nan, 1e-9, False), (np.nan, 10.0, True), (0.9, 0.8, False), (0.7, 0.8, True)):
+        chance = replace(late, holds_to=limit, model_error=error)
+        replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
+        files = [tmp_path / f"{name}.h5" for name in (("many",) if error > 0.0 else ("reduced", "full", "many"))]
+        write_report(files, tmp_path / "page.html")
+        verdict = next(with_class(parsed((tmp_path / "page.html").read_text(encoding="utf-8")), "verdict"))
+        first, second, *_ = [words(item) for item in verdict.iter("p")]
+        figures = [item for item in verdict.iter("data") if "probabilities" in (item.get("data-path") or "")]
+        assert ("is not decided by this model" in first) == (not decided) == (not figures), first
+        assert decided or ("pgmp montecarlo SCENE --full -n 57" in first and "5.26 % [1, 20]" in second)
+    chance = replace(late, model_error=2.0, holds_to=1.0, n_failed=3)
+    replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
+    said = headline_of_ensemble(tmp_path / "many.h5")
+    assert "is not decided by this model" in said and "--full -n 60" in said
+    lines = "\n".join(lines_of(Ensemble.read(tmp_path / "many.h5")))
+    assert "3 of 57 samples, 3 more failed and count both ways" in lines and "not decided by this model" in lines
+    of_event = summary_of(Ensemble.read(tmp_path / "many.h5"))["probabilities"]["late"]
+    assert (of_event["decided"], of_event["failed"]) == (False, 3)
+    assert of_event["decided_by"].startswith("pgmp montecarlo")
+
+
+def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path) -> None:
+    found = synthetic.described()
+    angle = found.statistics["crank_angle"]
+    same = replace(angle, constant=True, std=0.0, std_interval=np.zeros(2))
+    replace(found, statistics=found.statistics | {"crank_angle": same}).write(tmp_path / "many.h5")
+    read = Ensemble.read(tmp_path / "many.h5")
+    assert read.statistics["crank_angle"].constant and not read.statistics["slider_deformation"].constant
+    write_report([tmp_path / "many.h5"], tmp_path / "page.html")
+    tree = parsed((tmp_path / "page.html").read_text(encoding="utf-8"))
+    row = next([words(cell) for cell in row] for row in tree.iter("tr") if words(row).startswith("crank angle"))
+    assert row[2] == "constant" and not any(row[4:])
+    assert any("crank_angle" in line and line.split()[2] == "constant" for line in lines_of(read))
+    assert summary_of(read)["statistics"]["crank_angle"]["constant"] is True
 
 
 def test_what_is_read_is_what_is_stored(tree: Element) -> None:

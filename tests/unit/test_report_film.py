@@ -130,6 +130,32 @@ def test_shades_are_the_stresses_of_the_file(tmp_path: Path) -> None:
     assert film.start == 3 and film.data["stress"] == pytest.approx(values.max(axis=1) / 1e6) and film.keys == []
 
 
+def test_a_peak_between_frames_is_that_of_an_output() -> None:
+    """Frames know 3 MPa at most; an output of the body peaks at 4.33 between two, one of another body higher."""
+    run = block_run()
+    before = film_of(run)
+    scene = run.record.scene_toml + """
+[outputs.squeezed]
+type = "stress"
+body = "block"
+quantity = "von_mises"
+[outputs.other]
+type = "stress"
+body = "elsewhere"
+quantity = "von_mises"
+"""
+    squeezed = np.zeros(run.time.size)
+    squeezed[1] = 4.33e6
+    outputs = run.outputs | {"squeezed": squeezed, "other": 3.0 * squeezed}
+    film = film_of(replace(run, outputs=outputs, record=replace(run.record, scene_toml=scene)), "run.h5")
+    largest = film.legend.largest
+    assert (largest.value, largest.path, largest.index) == (4.33e6, "/outputs/squeezed", "1") and largest.text == "4.33"
+    assert film.legend.where == f"block at {run.time[1]:.4g} s, of all steps (squeezed)"
+    assert film.start == before.start and film.data["stress"] == before.data["stress"]
+    shades = [taken(one.data["bodies"][0], "shades", "<u1").max() for one in (film, before)]
+    assert shades == [round(SHADES * 3.0 / 4.33), SHADES]
+
+
 def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
     block_run().write(tmp_path / "run.h5")
     write_report([tmp_path / "run.h5"], tmp_path / "report.html")
@@ -142,7 +168,7 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "run.h5") as file:
         largest = max(np.max(values[()]) for values in file["fields/block/at_nodes/von_mises"].values())
         assert float(found[1]) == file[found[2]][int(found[3])] == largest
-    assert "largest: in block at 1 s" in legend and "Largest von Mises stress <data" in page
+    assert "largest: in block at 1 s, of the 4 frames kept" in legend and "Largest von Mises stress <data" in page
     assert page.count("base, rigid") == 1  # what is grey has a key
     assert "http:" not in page and "https:" not in page
     # the page's tables of numbers are within its content policy

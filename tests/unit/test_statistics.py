@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
+from pgmp_petsc.ensemble.quantities import Peaks
+from pgmp_petsc.ensemble.sensitivity import of_given
+from pgmp_petsc.ensemble.statistics import describe, holds_to, is_constant, quantile_bounds
+from pgmp_petsc.results.statistics import Chance
+from pgmp_petsc.scene.ensemble import Event
 
 PROBABILITIES = (0.25, 0.5, 0.75)
 
@@ -108,3 +112,51 @@ def test_heavy_tails_and_samples_of_one_value_have_bins_too() -> None:
     assert describe(values, None, (0.5,)).pdf.size == 200
     assert 1 <= describe(np.full(50, 3.0), None, (0.5,)).pdf.size <= 10
     assert describe(np.array([2.0]), None, (0.5,)).pdf.size == 1
+
+
+def test_what_varies_by_round_off_is_constant() -> None:
+    """An angle that ends at zero, a coordinate that others dwarf, values that differ in their last bits."""
+    noise = np.random.default_rng(3).normal(size=200)
+    outputs = {"angle": 1e-15 * noise, "across": 1e-17 * noise, "along": 0.4 + 1e-3 * noise}
+    outputs["same"] = 5.0 + 1e-15 * noise
+    units = {"angle": "rad", "across": "m", "along": "m", "same": "N"}
+    sizes = Peaks(outputs, {}, {}).sizes(units, np.ones(200, dtype=bool))
+    for name, values in outputs.items():
+        found = describe(values, 10, PROBABILITIES, size=sizes[name], replicates=np.arange(200) % 8)
+        assert found.constant == (name != "along") and is_constant(values, sizes[name]) == found.constant, name
+        if found.constant:
+            assert found.std == 0.0 and np.ptp(found.quantiles) == 0.0
+            np.testing.assert_array_equal(found.std_interval, [0.0, 0.0])
+    assert not describe(outputs["angle"], 10, PROBABILITIES).constant  # of nothing else is known how large it is
+    assert of_given(outputs["same"], {"a": noise, "b": noise[::-1]}, 0.95) is None
+
+
+def test_the_size_of_an_output_is_that_of_its_run() -> None:
+    """At rest at the end, and far from it before: from extremes, else from the bands of the first samples."""
+    fine, end = np.ones(3, dtype=bool), np.array([1e-16, 3e-16, -1e-16])
+    extremes = {"x/max": np.array([1.0, 2.0, 3.0]), "x/min": np.array([-4.0, 0.0, 0.0])}
+    of_extremes = Peaks({"x": end}, extremes, {})
+    np.testing.assert_array_equal(of_extremes.largest("x"), [4.0, 2.0, 3.0])
+    of_bands = Peaks({"x": end}, {}, {"x": np.array([[-0.5, 0.0], [0.1, 0.2]])})
+    np.testing.assert_array_equal(of_bands.largest("x"), [0.5, 0.2, 0.35])
+    assert of_bands.sizes({"x": "m"}, fine) == {"x": 0.5, "x.max": 0.5, "x.min": 0.5}
+    np.testing.assert_array_equal(of_extremes.excess(Event(output="x", above=2.5, when="ever")), [-1.5, -0.5, 0.5])
+    np.testing.assert_array_equal(of_bands.excess(Event(output="x", below=0.0, when="ever"))[:2], [0.5, 0.0])
+
+
+def test_an_event_within_the_error_is_not_decided() -> None:
+    """512 samples from 3 to 5.6 against a level of 12: in doubt from an error of 12 / 5.6 - 1 on, and three samples."""
+    values = np.linspace(3.0, 5.6, 512)
+    limit = holds_to(values - 12.0, values, values > 12.0, 0.95)
+    assert limit == pytest.approx(12.0 / values[-3] - 1.0, rel=1e-12)
+    of = {"count": 0, "n": 512, "estimate": 0.0, "interval": np.array([0.0, 0.007]), "confidence": 0.95}
+    chance = Chance("x above 12 at any time", **of, model_error=1.0, holds_to=limit)
+    assert chance.is_decided() and not chance.is_decided(1.3)
+    said = chance.doubt(1.3)
+    assert "not decided by this model" in said and "'pgmp montecarlo SCENE --full -n 512'" in said
+    assert Chance("y", **of).is_decided() and Chance("y", **of).is_decided(1.0)  # nothing is known
+    # half of the samples in the event: it holds as long as no more than the interval's width is in doubt
+    halves = np.linspace(-1.0, 1.0, 512)
+    assert 0.05 < holds_to(halves, np.ones(512), halves > 0.0, 0.95) < 0.1
+    assert np.isnan(holds_to(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), 0.95))
+    assert holds_to(np.full(9, -1.0), np.zeros(9), np.zeros(9, dtype=bool), 0.95) == np.inf

@@ -184,3 +184,29 @@ def test_the_table_is_sorted_aligned_and_short() -> None:
     assert sum(line.startswith("failed: reduced, 99 modes") for line in lines) == 1
     assert "    --override reduction.modes=7" in lines
     assert all(len(line) <= WIDTH for line in lines if "--" not in line and line not in lines[: 1 + len(rows)])
+
+
+def test_a_setting_meets_an_error_with_a_margin_for_other_draws_and_the_reference() -> None:
+    """1 % measured at the test values were 1.14 % on other draws."""
+    study = synthetic.tradeoff()
+    assert study.varied
+    column = study.outputs.index("slider_deformation")
+    cases = (0.0099, 0.0, False), (0.0079, 0.0, True), (0.0079, 1e-3, False), (0.004, 1e-3, True)
+    for measured, moved, taken in cases:
+        errors, of_reference = study.errors.copy(), study.references.moved.copy()
+        errors[2, column], of_reference[study.references.refinement == 1, column] = measured, moved
+        changed = replace(study, errors=errors, references=replace(study.references, moved=of_reference))
+        (of_one_percent,) = (one for one in pieces(changed, "slider_deformation") if " 1 %" in one.split(" in ")[0])
+        assert ("take reduced, 7 + 1 modes, 48 angles, spline, 2 ms" in of_one_percent) == taken, of_one_percent
+        assert any("1.25 times as much" in piece for piece in advise(changed))
+    still = {name: np.full_like(values, values[0]) for name, values in study.test_values.items()}
+    errors = study.errors.copy()
+    errors[2, column] = 0.0099
+    moved = np.zeros_like(study.references.moved)
+    plain = synthetic.tradeoff(surfaces=False)
+    errors = plain.errors.copy()
+    errors[2, column] = 0.0099
+    fixed = replace(plain, errors=errors, test_values=still, references=replace(study.references, moved=moved))
+    met = [piece for piece in pieces(fixed, "slider_deformation") if " 1 %" in piece.split(" in ")[0]]
+    assert any("7 + 1 modes" in piece for piece in met)
+    assert not any("1.25 times" in piece for piece in advise(fixed))  # there are no other draws

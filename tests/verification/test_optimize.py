@@ -11,6 +11,8 @@ from mpi4py import MPI
 from runs import reduced_model
 from scenes import PENDULUM, STEEL, slider_crank
 
+from pgmp_petsc.cli.gradient_tables import design_lines
+from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
@@ -99,7 +101,7 @@ def test_a_parameter_that_nothing_depends_on_is_named(wound: ReducedModel) -> No
     assert not any("depends on it" in text for text in said)
 
 
-def test_a_robust_design_keeps_its_distance(wound: ReducedModel) -> None:
+def test_a_robust_design_keeps_its_distance(wound: ReducedModel, tmp_path) -> None:
     """The angle is linear in the torque: ``(push mean - K std) / k = least`` with the drawn samples' own moments."""
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=12, seed=4)
     offsets = draw(wound.scene, 4, 0, 12)["push"] - 1.0
@@ -109,6 +111,20 @@ def test_a_robust_design_keeps_its_distance(wound: ReducedModel) -> None:
     nominal = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
     assert nominal.parameters[0].value == pytest.approx(LEAST * STIFFNESS, rel=1e-4)
     assert found.n_samples == 12 and nominal.n_samples == 1
+    # the angle is linear in the torque, so that its interval is that of the samples
+    ends = intervals.of_mean_and_deviations(-(expected + offsets) / STIFFNESS, 3.0, 0.95) + LEAST
+    np.testing.assert_allclose(found.constraints[0].interval, ends, rtol=1e-3)
+    assert nominal.constraints[0].interval is None and np.isnan(nominal.goal_interval).all()
+    np.testing.assert_allclose(
+        found.goal_interval, intervals.of_mean_and_deviations(expected + offsets, 3.0, 0.95), rtol=1e-4
+    )
+    assert any("leave open whether the design meets 'start(angle) >=" in str(remark) for remark in found.record.remarks)
+    lines = "\n".join(design_lines(found))
+    assert "95 % interval of mean and 3 deviations" in lines and lines.count("[") == 3
+    found.write(tmp_path / "design.h5")
+    again = Design.read(tmp_path / "design.h5")
+    assert again.constraints == found.constraints and again.confidence == 0.95
+    np.testing.assert_array_equal(again.goal_interval, found.goal_interval)
 
 
 def test_more_of_a_figure_is_wanted(wound: ReducedModel) -> None:
