@@ -55,6 +55,7 @@ OF_WORTH = 0.5  # share of their number that samples are worth after a step of t
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
 AT_DESIGN = (0.5, 0.3, 0.3, 0.3)  # where they are at design points, which are known better than by rays
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
+WEAK = 8.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
 
@@ -114,7 +115,14 @@ class RareSamples:
     @property
     def reached(self) -> bool:
         """Whether the event was reached and weighed."""
-        return self.weights.size > 0 and not self.weighed > 0.0 and not (self.is_plain and not self.contributions.any())
+        if self.is_plain:
+            return bool(self.contributions.any())
+        return self.weights.size > 0 and not self.weighed > 0.0 and not self.is_weak
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether weighted samples of levels are worth too few to say anything: a heavier one may still come."""
+        return bool(self.levels) and not self.is_plain and self.n_effective < WEAK
 
     @property
     def is_plain(self) -> bool:
@@ -200,7 +208,7 @@ class RareSamples:
 
         if self.is_plain:
             return of_probability(int(np.count_nonzero(self.contributions)), self.weights.size, confidence)
-        if self.levels and not self.reached and not np.isfinite(self.variation):
+        if self.levels and (self.is_weak or not np.isfinite(self.variation)):
             return np.array([0.0, self._of_first(confidence)])
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)

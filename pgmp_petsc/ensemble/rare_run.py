@@ -319,6 +319,12 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
             f"none of {found.weights.size} plain random samples is in the event, and the output, the same in most of "
             f"them, does not show where it is: its probability is at most {bound:.3g} ({100 * confidence:g} %); {cure}"
         )
+    if found.is_weak and not found.weighed > 0.0:
+        return (
+            f"the event was found, but its {found.weights.size} weighted samples are worth {found.n_effective:.2g} equally "
+            f"weighted ones, of which no probability follows; of {found.levels[0].before.size} plain random samples none "
+            f"is in it: at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
+        )
     return (
         f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "
         f"({100 * confidence:g} %); {cure}"

@@ -16,6 +16,7 @@ from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.summary import json_text, summary_of
 from pgmp_petsc.scene.ensemble import Event
 
 UNCERTAIN = (
@@ -61,6 +62,24 @@ def test_the_probability_is_that_of_the_samples_and_the_terminal_says_it(
     chance = np.mean(angles > 2.4e-3)
     assert abs(chance - event.estimate) < 3.0 * np.hypot(np.sqrt(chance / n), event.variation * event.estimate)
     assert np.abs(event.parameters["soft_1"]).max() <= np.sqrt(3.0)
+
+
+def test_the_design_point_is_on_the_border_and_nearest_to_the_origin(
+    found: tuple[RareEvent, str], model: ReducedModel
+) -> None:
+    event, said = found
+    likely = event.most_likely
+    assert likely.is_exact and f"beta {likely.beta[0]:.4g}, first-order probability" in said
+    values = {name: np.full(1, value) for name, value in model.scene.values.items()}
+    values |= {name: column[:1] for name, column in likely.parameters.items()}
+    angle = run_batch(model, values).outputs["crank_angle"][0]
+    spread = np.std(event.value[:100])
+    assert angle == pytest.approx(2.4e-3, abs=1e-3 * spread)
+    # there the slope, of which shares are the squares, and the way from the origin have one direction
+    np.testing.assert_allclose(likely.shares[0], likely.normal[0] ** 2 / likely.beta[0] ** 2, atol=5e-3)
+    assert 0.5 < likely.probability.sum() / event.estimate < 2.0
+    summary = json.loads(json_text(summary_of(event)))
+    assert summary["most_likely"]["beta"] == [pytest.approx(likely.beta[0])]
 
 
 def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, found: tuple[RareEvent, str]) -> None:
