@@ -287,7 +287,8 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
                     "compare other seeds, or take a larger -n"
                 )
             )
-        if not 1.0 / APART < found.by_levels / found.probability < APART:
+        is_guess = any(level.is_afar for level in found.levels)
+        if not is_guess and not 1.0 / APART < found.by_levels / found.probability < APART:
             remarks.append(
                 warning(
                     f"the levels alone say {found.by_levels:.3g}, far from the weighted {found.probability:.3g}: parts "

@@ -134,9 +134,13 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         drawn = "fixed"
         if isinstance(law, dict):
             arguments = ", ".join(
-                f"{key} = {factor * item:.6g}{shown}" if key in ("loc", "scale") else f"{key} = {item:g}"
+                f"{len(item)} {'distributions' if key == 'of' else key}"
+                if isinstance(item, list)
+                else f"{key} = {factor * item:.6g}{shown}"
+                if key in ("loc", "scale")
+                else f"{key} = {item:g}"
                 for key, item in law.items()
-                if isinstance(item, (int, float))
+                if isinstance(item, (int, float, list))
             )
             drawn = f"{law.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
