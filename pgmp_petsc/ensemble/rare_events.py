@@ -233,7 +233,14 @@ def level_size(n_left: int) -> int:
     return min(max(LEAST_OF_LEVEL, n_left // PART_OF_LEVEL), MOST_OF_LEVEL) // SHARE * SHARE
 
 
-def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None) -> RareSamples:
+def find(
+    limit_state: LimitState,
+    d: int,
+    n_samples: int,
+    seed: int,
+    slopes: Slopes | None = None,
+    has_design: bool = True,
+) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
     Parameters
@@ -248,6 +255,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slo
         Of all random numbers.
     slopes
         g and its derivatives, for design points; None: from differences, where samples allow them.
+    has_design
+        Whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes)
     levels, directions, last = _levels(chains)
@@ -259,7 +268,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slo
         chance = float(np.prod([level.share for level in levels]))
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
-        design = chains.design(np.concatenate([centres, last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]]))
+        nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
+        design = chains.design(np.concatenate([centres, nearest])) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:

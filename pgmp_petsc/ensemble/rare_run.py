@@ -35,6 +35,7 @@ from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -105,9 +106,15 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)
         slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) else None
-        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes)
+        stepping = stepping_names(model.scene)
+        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes, not stepping)
     timings = timings.maximum(comm)
-    return _result(model, event, found, runs, seed, comm.size, timings) if comm.rank == 0 else None
+    return _result(model, event, found, runs, n_samples, seed, comm.size, timings) if comm.rank == 0 else None
+
+
+def stepping_names(scene: Scene) -> list[str]:
+    """Return the parameters that are drawn and have values with shares of their own, sorted."""
+    return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
 def words_of(event: Event, unit: str) -> str:
@@ -199,7 +206,7 @@ class _Runs:
             return None
         along = design.alpha
         if self._mixing is not None:
-            along = np.linalg.solve(self._mixing.T, along.T).T
+            along = np.linalg.solve(self._mixing.factor.T, along.T).T
         shares = along**2 / np.sum(along**2, axis=1, keepdims=True)
         drawn = {name: column for name, column in self.values_of(design.points).items() if name in self.names}
         return MostLikely(design.beta, design.points, shares, drawn, design.is_exact, design.n_runs)
@@ -214,7 +221,7 @@ class _Runs:
 
 
 def _result(
-    model: Model, event: Event, found: RareSamples, runs: _Runs, seed: int, ranks: int, timings: Timings
+    model: Model, event: Event, found: RareSamples, runs: _Runs, n_samples: int, seed: int, ranks: int, timings: Timings
 ) -> RareEvent:
     scene, unit = model.scene, model.outputs.units[event.output]
     sign = -1.0 if event.above is not None else 1.0  # of g in values of the output
@@ -225,6 +232,10 @@ def _result(
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
     said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel), confidence), *draw_remarks(scene))
+    stepping = stepping_names(scene)
+    if stepping:
+        text = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
+        said += (note(text),)
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
@@ -248,6 +259,7 @@ def _result(
         value=value,
         weight=weight,
         most_likely=runs.most_likely(found.design),
+        asked=n_samples,
         parameters=parameters,
         status=status,
     )
