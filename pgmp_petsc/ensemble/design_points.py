@@ -5,8 +5,9 @@ The point of ``g(u) = 0`` nearest to the origin (Hasofer and Lind, Journal of th
 
     u' = (alpha . u + g / |slope|) alpha,    alpha = -slope / |slope|,
 
-each halved while ``|u|^2 / 2 + c |g|`` does not fall (Zhang and Der Kiureghian, Reliability and Optimization of
-Structural Systems (1995) 297-305). Of the plane that touches the border there the event has the probability ``Phi(-beta)``
+each halved where it turns back by the one before it, which on a border of curvature k it does by ``k beta`` of it, and
+while ``|u|^2 / 2 + c |g|`` does not fall (Zhang and Der Kiureghian, Reliability and Optimization of Structural Systems
+(1995) 297-305). Of the plane that touches the border there the event has the probability ``Phi(-beta)``
 with ``beta = alpha . u``: the first-order reliability method (FORM). Squares of alpha are the shares of the variables.
 """
 
@@ -26,7 +27,7 @@ HALVES = 0.5 ** np.arange(1, 5)  # of a step that leads no nearer
 SETTLED = 2e-3  # length of a step that is none: beta is off by its square over 2 beta, and by what g is left
 NEARLY_SETTLED = 0.05  # of a step that improves nothing any more
 DIFFERENCE = 1e-3  # of a variable, where there are no exact derivatives
-LONGEST = 4.0  # step
+LONGEST, LEAST_PART = 4.0, 0.125  # step, and share of one
 ALIKE = 0.99  # cosine between design points that are one
 FARTHER = 2.0  # than the nearest: a design point of no interest, a thousandth as likely at 3.5
 
@@ -92,19 +93,25 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
     found: list[tuple[np.ndarray, np.ndarray]] = []
     g, slope = gradient(u)
     used += cost * len(u)
+    before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
     for _ in range(MOST_STEPS):
         norm = np.sqrt(np.sum(slope**2, axis=1))
         fine = np.isfinite(g) & np.isfinite(norm) & (norm > 0.0)
-        u, g, slope, norm = u[fine], g[fine], slope[fine], norm[fine]
+        u, g, slope, norm, before, part = (of_all[fine] for of_all in (u, g, slope, norm, before, part))
         alpha = -slope / norm[:, None]
         step = (np.sum(alpha * u, axis=1) + g / norm)[:, None] * alpha - u
         length = np.sqrt(np.sum(step**2, axis=1))
         settled = length < SETTLED
         found += list(zip((u + step)[settled], alpha[settled]))
-        u, g, norm, step, length, alpha = (part[~settled] for part in (u, g, norm, step, length, alpha))
+        u, g, norm, step, length, alpha, before, part = (
+            of_all[~settled] for of_all in (u, g, norm, step, length, alpha, before, part)
+        )
         if not len(u) or used + cost * len(u) > most:
             break
-        step *= np.minimum(1.0, LONGEST / length)[:, None]
+        turns = np.sum(step * before, axis=1)
+        part = np.where(turns < 0.0, np.maximum(0.5 * part, LEAST_PART), np.where(turns > 0.0, np.minimum(2.0 * part, 1.0), part))
+        before = step
+        step = step * (part * np.minimum(1.0, LONGEST / length))[:, None]
         weight = 2.0 * np.sqrt(np.sum((u + step) ** 2, axis=1)) / norm + 1.0 / norm
         merit = _merit(u, g, weight)
         trial = u + step

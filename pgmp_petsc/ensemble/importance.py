@@ -356,7 +356,7 @@ def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np
     if n_clusters == 1:
         return np.zeros(len(points), dtype=int)
     some, shares = _some(points, weights, 4 * KERNELS, random)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):  # of points that are all one
         warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out by who asks
         tries = [kmeans2(some, n_clusters, iter=10, minit="++", seed=random) for _ in range(TRIES)]
     centres = min(tries, key=lambda one: np.sum(shares * np.sum((some - one[0][one[1]]) ** 2, axis=1)))[0]

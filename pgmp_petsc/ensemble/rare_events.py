@@ -50,11 +50,13 @@ PART_OF_DESIGN = 2  # of the samples that are left searches for design points ha
 BEYOND = 0.1  # of a design point, where the event is
 FEWEST_SEEDS = 5  # points below a plateau that a level begins from
 AFAR = (1.5, 2.0, 3.0, 4.5)  # deviations of samples that look for what is below a plateau
+LEAST_CHANCE = 1e-15  # of what they find
 FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
 AT_DESIGN = (0.5, 0.3, 0.3, 0.3)  # where they are at design points, which are known better than by rays
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
+WEAK = 8.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
 
@@ -72,12 +74,15 @@ class Level:
         Share of the steps of its chains that were accepted.
     before
         g of the samples before, shape (n,); infinite where the run failed.
+    is_afar
+        Whether its first points are from samples of larger deviations, of which the share is a guess.
     """
 
     threshold: float
     share: float
     accepted: float
     before: np.ndarray
+    is_afar: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +119,14 @@ class RareSamples:
     @property
     def reached(self) -> bool:
         """Whether the event was reached and weighed."""
-        return self.weights.size > 0 and not self.weighed > 0.0 and not (self.is_plain and not self.contributions.any())
+        if self.is_plain:
+            return bool(self.contributions.any())
+        return self.weights.size > 0 and not self.weighed > 0.0 and not self.is_weak
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether weighted samples of levels are worth too few to say anything: a heavier one may still come."""
+        return bool(self.levels) and not self.is_plain and self.n_effective < WEAK
 
     @property
     def is_plain(self) -> bool:
@@ -200,7 +212,7 @@ class RareSamples:
 
         if self.is_plain:
             return of_probability(int(np.count_nonzero(self.contributions)), self.weights.size, confidence)
-        if self.levels and not self.reached and not np.isfinite(self.variation):
+        if self.levels and (self.is_weak or not np.isfinite(self.variation)):
             return np.array([0.0, self._of_first(confidence)])
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)
@@ -221,7 +233,14 @@ def level_size(n_left: int) -> int:
     return min(max(LEAST_OF_LEVEL, n_left // PART_OF_LEVEL), MOST_OF_LEVEL) // SHARE * SHARE
 
 
-def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None) -> RareSamples:
+def find(
+    limit_state: LimitState,
+    d: int,
+    n_samples: int,
+    seed: int,
+    slopes: Slopes | None = None,
+    has_design: bool = True,
+) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
     Parameters
@@ -236,6 +255,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slo
         Of all random numbers.
     slopes
         g and its derivatives, for design points; None: from differences, where samples allow them.
+    has_design
+        Whether design points are looked for, which events of variables that step have none of.
     """
     chains = _Chains(limit_state, seed, d, n_samples, slopes)
     levels, directions, last = _levels(chains)
@@ -247,7 +268,8 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slo
         chance = float(np.prod([level.share for level in levels]))
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
-        design = chains.design(np.concatenate([centres, last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]]))
+        nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
+        design = chains.design(np.concatenate([centres, nearest])) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
@@ -290,15 +312,16 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
             break  # what would be left is too little to be weighed
         threshold, before = max(0.0, float(np.sort(g)[g.size // SHARE - 1])), g
         known = float(np.prod([level.share for level in levels]))
-        passed, share = np.flatnonzero(g <= threshold), None
+        passed, share, is_afar = np.flatnonzero(g <= threshold), None, False
         if threshold > 0.0 and (threshold >= min([np.inf, *(level.threshold for level in levels)]) or passed.size == g.size):
             passed = np.flatnonzero(g < threshold)
             if passed.size < FEWEST_SEEDS:
                 afar = chains.from_afar(threshold, least_left)
                 if afar is None:
                     break  # no nearer to the event
-                points, g, chance = afar
-                own, passed, share = np.arange(len(points)), np.arange(len(points)), min(chance / known, 1.0)
+                points, g, own, chance = afar
+                passed, is_afar = np.arange(len(points)), True
+                share = min(max(chance, LEAST_CHANCE) / known, 1.0)
                 if chains.left - size < least_left:
                     size = len(points)
             threshold = max(0.0, float(g[passed].max()))
@@ -307,7 +330,7 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
         directions.append(directions_of(points, own, g, chains.random()))
-        levels.append(Level(threshold, share, accepted, before))
+        levels.append(Level(threshold, share, accepted, before, is_afar))
         if threshold == 0.0:
             break
     return levels, directions, (points, g, families)
@@ -389,17 +412,21 @@ class _Chains:
             return None
         return self.go_on(seeds[inside], g[inside], 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
 
-    def from_afar(self, level: float, to_be_left: int) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Return normal points with g below a level, shape (m, d), their g, and the probability of that.
+    def from_afar(
+        self, level: float, to_be_left: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
+        """Return normal points with g below a level, shape (m, d), their g, the numbers of those they stem from, and the
+        probability of that.
 
-        None where samples of no deviation find any. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
+        None where samples of no deviation find any. Points that stem from the same one compete with each other alone: of
+        parts of an event none is lost on the way. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
         leaves about half of the samples their worth.
         """
         random, d = self.random(), self._d
         n = self.left - to_be_left
         best: tuple[float, np.ndarray, np.ndarray, int] | None = None
         for deviation in AFAR:
-            each = min(max(LEAST_OF_LEVEL // 2, n // (6 * len(AFAR))), self.left)
+            each = min(max(LEAST_OF_LEVEL // 2, n // (3 * len(AFAR))), self.left)
             drawn = deviation * random.standard_normal((each, d))
             g = self.evaluate(drawn)
             below = g < level
@@ -410,26 +437,32 @@ class _Chains:
         if best is None:
             return None
         deviation, points, g, each = best
-        chance = len(points) / each
         n_steps = 1.0 + np.log(deviation) * np.sqrt(d) / 0.6
         m = int(np.clip((self.left - to_be_left) / (2.0 * n_steps), LEAST_OF_LEVEL // 2, MOST_OF_LEVEL))
+        points, g = points[:m], g[:m]
+        n_first = len(points)
+        chances = np.full(n_first, len(best[1]) / each)
+        copies = max(1, m // n_first)
+        points, g, m = np.repeat(points, copies, axis=0), np.repeat(g, copies), n_first * copies
         spread = self._spread
         while deviation > 1.0:
             if self.left < m:
                 return None
             squares, smaller = np.sum(points**2, axis=1), _next_deviation(deviation, points)
             logs = d * np.log(deviation / smaller) - 0.5 * squares * (smaller**-2.0 - deviation**-2.0)
-            chance *= float(np.mean(np.exp(logs)))
-            worth = np.cumsum(np.exp(logs - logs.max()))
-            drawn = np.searchsorted(worth, (random.random() + np.arange(m)) / m * worth[-1])
-            deviation, points, g = smaller, points[drawn], g[drawn]
+            worth = np.exp(logs - logs.max()).reshape(n_first, copies)
+            chances *= worth.mean(axis=1) * np.exp(logs.max())
+            sums = np.cumsum(worth, axis=1)
+            places = (random.random((n_first, 1)) + np.arange(copies)) / copies * sums[:, -1:]
+            drawn = np.sum(places[:, :, None] > sums[:, None, :-1], axis=2) + copies * np.arange(n_first)[:, None]
+            deviation, points, g = smaller, points[drawn.ravel()], g[drawn.ravel()]
             sigma = min(spread, 1.0)
             candidate = np.sqrt(1.0 - sigma**2) * points + sigma * deviation * random.standard_normal(points.shape)
             found = self.evaluate(candidate)
             better = found < level
             points, g = np.where(better[:, None], candidate, points), np.where(better, found, g)
             spread = float(np.clip(spread * np.exp(better.mean() - ACCEPTED), 0.05, 1.0))
-        return points, g, chance
+        return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
         self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,

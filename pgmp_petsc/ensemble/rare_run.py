@@ -36,6 +36,7 @@ from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -106,9 +107,15 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)
         slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) else None
-        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes)
+        stepping = stepping_names(model.scene)
+        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes, not stepping)
     timings = timings.maximum(comm)
-    return _result(model, event, found, runs, seed, comm.size, timings) if comm.rank == 0 else None
+    return _result(model, event, found, runs, n_samples, seed, comm.size, timings) if comm.rank == 0 else None
+
+
+def stepping_names(scene: Scene) -> list[str]:
+    """Return the parameters that are drawn and have values with shares of their own, sorted."""
+    return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
 def words_of(event: Event, unit: str) -> str:
@@ -200,7 +207,7 @@ class _Runs:
             return None
         along = design.alpha
         if self._mixing is not None:
-            along = np.linalg.solve(self._mixing.T, along.T).T
+            along = np.linalg.solve(self._mixing.factor.T, along.T).T
         shares = along**2 / np.sum(along**2, axis=1, keepdims=True)
         drawn = {name: column for name, column in self.values_of(design.points).items() if name in self.names}
         return MostLikely(design.beta, design.points, shares, drawn, design.is_exact, design.n_runs)
@@ -215,7 +222,7 @@ class _Runs:
 
 
 def _result(
-    model: Model, event: Event, found: RareSamples, runs: _Runs, seed: int, ranks: int, timings: Timings
+    model: Model, event: Event, found: RareSamples, runs: _Runs, n_samples: int, seed: int, ranks: int, timings: Timings
 ) -> RareEvent:
     scene, unit = model.scene, model.outputs.units[event.output]
     sign = -1.0 if event.above is not None else 1.0  # of g in values of the output
@@ -225,11 +232,11 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (
-        *scene.remarks,
-        *rare_remarks(found, status, isinstance(model, FullModel), confidence),
-        *draw_remarks(scene),
-    )
+    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel), confidence), *draw_remarks(scene))
+    stepping = stepping_names(scene)
+    if stepping:
+        text = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
+        said += (note(text),)
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
@@ -253,6 +260,7 @@ def _result(
         value=value,
         weight=weight,
         most_likely=runs.most_likely(found.design),
+        asked=n_samples,
         parameters=parameters,
         status=status,
     )
@@ -306,7 +314,8 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
                     "compare other seeds, or take a larger -n"
                 )
             )
-        if not 1.0 / APART < found.by_levels / found.probability < APART:
+        is_guess = any(level.is_afar for level in found.levels)
+        if not is_guess and not 1.0 / APART < found.by_levels / found.probability < APART:
             remarks.append(
                 warning(
                     f"the levels alone say {found.by_levels:.3g}, far from the weighted {found.probability:.3g}: parts "
@@ -338,6 +347,12 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
         return (
             f"none of {found.weights.size} plain random samples is in the event, and the output, the same in most of "
             f"them, does not show where it is: its probability is at most {bound:.3g} ({100 * confidence:g} %); {cure}"
+        )
+    if found.is_weak and not found.weighed > 0.0:
+        return (
+            f"the event was found, but its {found.weights.size} weighted samples are worth {found.n_effective:.2g} equally "
+            f"weighted ones, of which no probability follows; of {found.levels[0].before.size} plain random samples none "
+            f"is in it: at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
         )
     return (
         f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "

@@ -14,16 +14,18 @@ from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error
 from pgmp_petsc.report.charts import Chart, Curve
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words
+from pgmp_petsc.report.datum import Datum, Interval, Place, Sentence, in_words
 from pgmp_petsc.report.downloads import Download, downloads_of
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import Build, Source
 from pgmp_petsc.report.verdict import verdict
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.files import KINDS
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
 MOST_CURVES = 7
+MOST_SHARES = 12  # parameters of a design point
 MOST_FAILED = 20
 
 
@@ -53,6 +55,7 @@ class Section:
     budget: list[Line]
     energies: list[Chart]
     tradeoffs: list[tuple[Table, list[Chart], list[str]]]
+    rare_events: list[Table]
     failures: list[Table]
     remarks: list[tuple[str, str, str]]
     cost: Table
@@ -92,6 +95,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         budget=error_budget(sources, error),
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
+        rare_events=[_rare_event(source) for source in sources if isinstance(source.result, RareEvent)],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
         remarks=_remarks(sources),
         cost=_cost(sources),
@@ -133,9 +137,13 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         drawn = "fixed"
         if isinstance(law, dict):
             arguments = ", ".join(
-                f"{key} = {factor * item:.6g}{shown}" if key in ("loc", "scale") else f"{key} = {item:g}"
+                f"{len(item)} {'distributions' if key == 'of' else key}"
+                if isinstance(item, list)
+                else f"{key} = {factor * item:.6g}{shown}"
+                if key in ("loc", "scale")
+                else f"{key} = {item:g}"
                 for key, item in law.items()
-                if isinstance(item, (int, float))
+                if isinstance(item, (int, float, list))
             )
             drawn = f"{law.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
@@ -304,6 +312,37 @@ def _failures(source: Source) -> Table:
     return Table(head, rows, f"{note}; {left} more are in its data." if left else f"{note}.")
 
 
+def _rare_event(source: Source) -> Table:
+    """Return the probability of a rare event, and where it is most likely."""
+    found, place = source.result, Place(source.name, "/probability")
+    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
+    if found.reached:
+        chance = [place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends)]
+    else:
+        chance = ["not reached: at most ", ends[1]] if np.isfinite(found.interval[1]) else ["not reached"]
+    rows: list[list[Sentence]] = [[["probability"], chance, [""]]]
+    likely = found.most_likely
+    for k in range(0 if likely is None else len(likely.beta)):
+        beta = Datum(likely.beta[k], f"{likely.beta[k]:.4g}", source.name, "/most_likely/beta", str(k))
+        words = f", first-order probability {likely.probability[k]:.3g}"
+        rows.append([[f"design point {k + 1}"], ["beta ", beta, words], [""]])
+    for k in () if likely is None else np.argsort(-likely.shares[0])[:MOST_SHARES]:
+        name, share = found.names[k], likely.shares[0, k]
+        value = likely.parameters[name][0]
+        at = Datum(value, f"{value:.5g}", source.name, f"/most_likely/parameters/{name}", "0")
+        rows.append([[name], [at], [Datum(share, f"{100 * share:.1f}", source.name, "/most_likely/shares", f"0,{k}"), " %"]])
+    note = f"{source.name}: {found.event}, {100 * found.confidence:g} % interval of {len(found.status)} samples"
+    lines = "; parameters, in SI units, are those at the first design point, with their shares in the event"
+    return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
+
+
+def _event_text(found: RareEvent) -> str:
+    """Return an event as --rare takes it."""
+    words = found.event.split()
+    ever = "ever " if words[-1] == "time" else ""
+    return f"{ever}{found.output} {'>' if words[1] == 'above' else '<'} {words[2]}"
+
+
 def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
     """Return the files, kind and text of every remark, once, warnings first."""
     found: dict[tuple[str, str], list[str]] = {}
@@ -325,7 +364,7 @@ def _cost(sources: Sequence[Source]) -> Table:
 
 def _origins(sources: Sequence[Source]) -> Table:
     """Return what each file is and which program wrote it."""
-    names = {Trajectory: "trajectory", Ensemble: "ensemble", Tradeoff: "tradeoff", Build: "rom"}
+    names = {Trajectory: "trajectory", Ensemble: "ensemble", Tradeoff: "tradeoff", RareEvent: "rare_event", Build: "rom"}
     rows = []
     for source in sources:
         kind, model = KINDS[names[type(source.result)]], getattr(source.result, "model", "")
@@ -358,6 +397,10 @@ def _commands(sources: Sequence[Source]) -> list[str]:
         if isinstance(result, Ensemble):
             seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
             found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
+        elif isinstance(result, RareEvent):
+            event = shlex.quote(_event_text(result))
+            asked = f"-n {result.asked} --seed {result.record.seed} --rare {event}"
+            found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         else:
             values = "".join(f" --set {name}={value!r}" for name, value in result.record.parameters.items())
             found.append(f"pgmp simulate {model}{values} -o {target}")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pgmp_petsc.figures.differences import mechanism_key, short_names
 from pgmp_petsc.results import Ensemble, Selection, Tradeoff, Trajectory
+from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.files import RunRecord, open_file
 
 
@@ -35,8 +36,10 @@ class Build:
             return cls(RunRecord.read(file), Selection.read(file))
 
 
-READERS = {"trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rom": Build}
-Result = Trajectory | Ensemble | Tradeoff | Build
+READERS = {
+    "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "rare_event": RareEvent, "rom": Build
+}  # fmt: skip
+Result = Trajectory | Ensemble | Tradeoff | RareEvent | Build
 
 
 @dataclass(frozen=True)

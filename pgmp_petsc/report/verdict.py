@@ -11,11 +11,12 @@ from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.report.bodies import stress_of
 from pgmp_petsc.report.budget import ModelError, step_errors
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case, share_text
+from pgmp_petsc.report.datum import Datum, Interval, Place, Sentence, in_words, sentence_case, share_text
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
 from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent
+from pgmp_petsc.results.rare_event import RareEvent
 
 MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are wrong, see docs/method.md
 
@@ -30,6 +31,9 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     if not sentences:
         for source in runs[:1]:
             sentences += _of_run(source)
+    if not sentences:
+        for source in sources:
+            sentences += _of_rare_event(source) if isinstance(source.result, RareEvent) else ()
     if not sentences:
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
@@ -110,6 +114,17 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)
         doubt = "; it is that of the modes alone and may be far off" if lacking else ""
         yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
+
+
+def _of_rare_event(source: Source) -> Iterator[Sentence]:
+    """Yield the probability of a rare event."""
+    found, place = source.result, Place(source.name, "/probability")
+    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
+    what = found.event.replace("_", " ")
+    if found.reached:
+        yield [f"{what}: ", place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends), "."]
+    elif np.isfinite(found.interval[1]):
+        yield [f"{what}: not reached; its probability is at most ", ends[1], "."]
 
 
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:

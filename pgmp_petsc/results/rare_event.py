@@ -92,6 +92,8 @@ class RareEvent:
         What comes true, in words; the output that it is of, and the output's unit.
     names
         Parameters, in the order of `normal`.
+    asked
+        Samples that it might take; those of exact derivatives are not among its samples.
     """
 
     model: str
@@ -116,6 +118,7 @@ class RareEvent:
     parameters: dict[str, np.ndarray]
     status: np.ndarray
     most_likely: MostLikely | None = None
+    asked: int = 0
 
     def __post_init__(self) -> None:
         check_model(self.model)
@@ -142,7 +145,7 @@ class RareEvent:
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {name: getattr(self, name) for name in ("model", "event", "output", "confidence")}
+        attributes = {name: getattr(self, name) for name in ("model", "event", "output", "confidence", "asked")}
         with write_file(path, KIND, attributes | {"parameters_drawn": list(self.names)}) as file:
             self.record.write(file)
             of_event = f"probability of '{self.event}'"
@@ -180,6 +183,7 @@ class RareEvent:
             return cls(
                 record=RunRecord.read(file),
                 confidence=float(file.attrs["confidence"]),
+                asked=int(file.attrs.get("asked", samples["value"].size)),
                 unit=str(samples["value"].attrs["unit"]),
                 interval=take(chance, "interval", 1),
                 curve=(take(file["curve"], "value", 1), take(file["curve"], "probability", 1)),

@@ -48,7 +48,8 @@ def plain(data: object) -> Any:
     if is_dataclass(data) and not isinstance(data, type):
         return plain(asdict(data))
     if isinstance(data, np.ndarray):
-        return plain(data.tolist())
+        whole = data.dtype.kind in "iub" or data.dtype.kind == "f" and np.isfinite(data).all()
+        return data.tolist() if whole else plain(data.tolist())  # of a million numbers half a minute, one by one
     if isinstance(data, (list, tuple, set, frozenset)):
         return [plain(value) for value in data]
     if isinstance(data, np.generic):

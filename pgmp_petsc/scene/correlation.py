@@ -1,8 +1,12 @@
-"""Correlation between uncertain parameters: a Gaussian copula, whatever their own distributions are.
+"""Correlation between uncertain parameters: a Gaussian copula or Student's, whatever their own distributions are.
 
 A coefficient r is that of the normal variables ``Phi^-1(F(x))`` behind two parameters. Between values themselves it is
 the same for normal distributions, and about as large for others; their rank correlation (Spearman's) is
 ``6 / pi asin(r / 2)`` (Kruskal, Journal of the American Statistical Association 53 (1958) 814-861).
+
+With ``ensemble.copula = "student"`` these variables have a common multivariate t distribution with the matrix of r (Demarta
+and McNeil, International Statistical Review 73 (2005) 111-129): Kendall's coefficient is ``2 / pi asin(r)`` as before, and
+extremes of two come together with the probability ``2 t_(f + 1)(-sqrt((f + 1) (1 - r) / (1 + r)))``, of normal ones 0.
 """
 
 from __future__ import annotations
@@ -42,6 +46,8 @@ def correlation_problems(scene: Scene) -> Iterator[str]:
         for line in _of_pair(scene, one, other, coefficient, seen)
     ]
     yield from lines
+    if not seen and scene.ensemble.copula != "gaussian":
+        yield problem("ensemble.copula", "[correlation] names no parameters that it could join", scene.ensemble.copula)
     names = sorted({name for pair in seen for name in pair})
     matrix = None if lines else correlation_matrix(scene, names)
     if matrix is None:

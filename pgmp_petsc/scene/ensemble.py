@@ -54,6 +54,14 @@ class Ensemble(Table):
         'every parameter; "sobol": scrambled Sobol sequences, independent replicates of them; "saltelli": base points '
         "and what differs from them in one parameter, for Sobol indices",
     )
+    copula: Literal["gaussian", "student"] = Field(
+        "gaussian",
+        description='how parameters of [correlation] depend on each other: "gaussian": extremes of two are independent '
+        'in the end; "student": they come together, the more so the less `copula_freedom` is',
+    )
+    copula_freedom: Number = Field(
+        4.0, ge=1.0, le=1000.0, description="degrees of freedom of Student's copula; many are the Gaussian one"
+    )
     replicates: Replicates = Field(
         8, description="scrambled Sobol sequences that take turns; intervals follow from their differences"
     )

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pgmp_petsc.scene.messages import explain
 from pgmp_petsc.scene.overrides import apply_overrides, apply_settings
 from pgmp_petsc.scene.random_fields import add_field_parameters
-from pgmp_petsc.scene.raw_tables import check_tables, parse, read_text
+from pgmp_petsc.scene.raw_tables import check_tables, parse, read_text, read_values
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.units import convert_parameters
 
@@ -64,6 +64,7 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     apply_overrides(data, overrides)
     check_tables(data)
     add_field_parameters(data)
+    read_values(data, directory)
     given = convert_parameters(data)
     apply_settings(data, settings)  # after the conversion: they are in SI units
     try:

@@ -1,16 +1,19 @@
-"""Uncertain parameters and their distributions, by the names and conventions of scipy.stats."""
+"""Uncertain parameters and their distributions, by the names and conventions of scipy.stats, and some of our own."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.fields import Interval, Number, Table, refusal
+from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, quick
 
 if TYPE_CHECKING:
     from scipy.stats import rv_continuous
@@ -34,12 +37,24 @@ class Normal:
         """Return the standard deviation."""
         return self.scale
 
-    def cdf(self, x: float) -> float:
-        """Return the share below x."""
-        return 0.5 * math.erfc((self.loc - x) / self.scale / math.sqrt(2.0))
+    def mean(self) -> float:
+        """Return the mean."""
+        return self.loc
 
-    def sf(self, x: float) -> float:
+    def support(self) -> tuple[float, float]:
+        """Return the smallest and the largest value."""
+        return -math.inf, math.inf
+
+    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
+        """Return the share below x."""
+        return self.sf(2.0 * self.loc - x)
+
+    def sf(self, x: np.ndarray | float) -> np.ndarray | float:
         """Return the share above x."""
+        if np.ndim(x):
+            from scipy.special import ndtr
+
+            return ndtr((self.loc - x) / self.scale)
         return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
 
     def ppf(self, share: np.ndarray) -> np.ndarray:
@@ -68,11 +83,21 @@ class Uniform:
         """Return the standard deviation."""
         return self.scale / math.sqrt(12.0)
 
-    def cdf(self, x: float) -> float:
+    def mean(self) -> float:
+        """Return the mean."""
+        return self.median()
+
+    def support(self) -> tuple[float, float]:
+        """Return the smallest and the largest value."""
+        return self.loc, self.loc + self.scale
+
+    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
         """Return the share below x."""
+        if np.ndim(x):
+            return np.clip((x - self.loc) / self.scale, 0.0, 1.0)
         return min(max((x - self.loc) / self.scale, 0.0), 1.0)
 
-    def sf(self, x: float) -> float:
+    def sf(self, x: np.ndarray | float) -> np.ndarray | float:
         """Return the share above x."""
         return 1.0 - self.cdf(x)
 
@@ -85,16 +110,38 @@ class Uniform:
         return self.ppf(1.0 - share)
 
 
+#: Laws of our own: the key that each needs, and all that it has.
+OWN = {"discrete": ("values", ("values", "weights")), "empirical": ("values", ("values",)), "mixture": ("of", ("of", "weights"))}
+FEWEST = {"discrete": 1, "empirical": 2, "mixture": 1}
+MOST_VALUES = 10_000  # every file carries them
 SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
 
 
+class _OrFile:
+    """A note on a type that in a scene's file the name of another file may stand for (`raw_tables.read_values`)."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(schema), {"type": "string"}]}
+
+
 class Distribution(Table):
-    """A continuous distribution of scipy.stats: its name, with ``loc``, ``scale`` and shapes as keys."""
+    """A continuous distribution of scipy.stats: its name, with ``loc``, ``scale`` and shapes as keys; or one of
+    ``discrete``, ``empirical`` and ``mixture``, which have keys of their own."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Number]
 
-    name: str = Field(description="name of a continuous distribution of scipy.stats, such as norm")
+    name: str = Field(
+        description="name of a continuous distribution of scipy.stats, such as norm; or discrete (values with weights), "
+        "empirical (measured values, straight lines between them), mixture (of other distributions)"
+    )
+    values: Annotated[tuple[Number, ...], _OrFile()] | None = Field(
+        None, description="of discrete and empirical: numbers, or a file with one in each line (the first may be a name)"
+    )
+    weights: tuple[Number, ...] | None = Field(
+        None, description="of discrete and mixture: how often each comes, in any proportion; equal if not given"
+    )
+    of: tuple[Distribution, ...] | None = Field(None, description="of mixture: the distributions")
 
     @property
     def arguments(self) -> dict[str, float]:
@@ -106,18 +153,31 @@ class Distribution(Table):
         return _continuous(self.name)(**self.arguments)
 
     @property
-    def law(self) -> Normal | Uniform | rv_frozen:
+    def law(self) -> Normal | Uniform | Discrete | Empirical | Mixture | rv_frozen:
         """The distribution for whoever asks for its median, for shares below and above a number, and the reverse."""
-        return self._simple or self.frozen()
+        if self.name in OWN:
+            return self._own
+        return self._simple or quick(self.frozen())
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether no single value has a share."""
+        return self.name not in OWN or not self._own.has_atoms
+
+    @property
+    def _own(self) -> Discrete | Empirical | Mixture:
+        """The law of one that scipy.stats has no name for."""
+        n = len(self.of if self.name == "mixture" else self.values)
+        weights = np.ones(n) if self.weights is None else np.array(self.weights)
+        if self.name == "mixture":
+            return Mixture([one.law for one in self.of], weights)
+        values = np.array(self.values)
+        return Discrete(values, weights) if self.name == "discrete" else Empirical(values)
 
     @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest value; infinite where there is none."""
-        simple = self._simple
-        if simple is not None:
-            bounded = isinstance(simple, Uniform)
-            return (simple.loc, simple.loc + simple.scale) if bounded else (-np.inf, np.inf)
-        low, high = self.frozen().support()
+        low, high = (self._own if self.name in OWN else self._simple or self.frozen()).support()
         return float(low), float(high)
 
     @property
@@ -129,6 +189,14 @@ class Distribution(Table):
 
     @model_validator(mode="after")
     def _arguments_fit(self) -> Self:
+        needed, allowed = OWN.get(self.name, ("", ()))
+        for key in ("values", "weights", "of"):
+            if getattr(self, key) is not None and key not in allowed:
+                has = f"its keys are {', '.join(allowed)}" if allowed else f"{', '.join(OWN)} have it"
+                raise refusal(f"no key of {self.name}; {has}", key)
+        if allowed:
+            self._check_own(needed, allowed)
+            return self
         if self._simple is not None:
             return self
         shapes = _shapes(_continuous(self.name))
@@ -147,6 +215,26 @@ class Distribution(Table):
         if np.isnan(self.frozen().support()).any():
             raise refusal(f"scipy.stats refuses these arguments of {self.name}")
         return self
+
+
+    def _check_own(self, needed: str, allowed: tuple[str, ...]) -> None:
+        """Refuse keys and numbers that a law of our own does not have."""
+        for key in self.arguments:
+            raise refusal(f"no key of {self.name}; its keys are {', '.join(allowed)}", key)
+        parts = getattr(self, needed)
+        if parts is None:
+            raise refusal(f"missing; {self.name} needs it", needed)
+        if len(parts) < FEWEST[self.name] or len(parts) > MOST_VALUES:
+            raise refusal(f"{FEWEST[self.name]} to {MOST_VALUES:,} are needed, and {len(parts)} are given", needed)
+        if self.name == "empirical" and min(parts) == max(parts):
+            raise refusal("all values are the same, so nothing is drawn; leave the distribution out", needed)
+        if self.weights is None:
+            return
+        if len(self.weights) != len(parts):
+            raise refusal(f"{len(parts)} are needed, one for each of {needed}; {len(self.weights)} are given", "weights")
+        least = min(self.weights)
+        if least < 0.0 or (least == 0.0 and self.name == "mixture") or not max(self.weights) > 0.0:
+            raise refusal("numbers above 0 are needed, of discrete values 0 too but not of all", "weights")
 
 
 class Parameter(Table):
@@ -182,8 +270,10 @@ class Parameter(Table):
             A further lower bound.
         """
         law, (low, high) = self.distribution.law, self._limits
-        low = max(low, at_least)
-        if law.cdf(low) > 0.5:
+        low, below = max(low, at_least), _below(law)
+        if isinstance(law, (Discrete, Empirical, Mixture)):
+            values = law.ppf(below(low) + probabilities * (law.cdf(high) - below(low)))
+        elif law.cdf(low) > 0.5:
             values = law.isf(law.sf(low) - probabilities * (law.sf(low) - law.sf(high)))
         else:
             values = law.ppf(law.cdf(low) + probabilities * (law.cdf(high) - law.cdf(low)))
@@ -193,7 +283,7 @@ class Parameter(Table):
     def cut_off(self) -> tuple[float, float]:
         """The shares of the distribution that the bounds cut off, below and above."""
         law, (low, high) = self.distribution.law, self._limits
-        return float(law.cdf(low)), float(law.sf(high))
+        return float(_below(law)(low)), float(law.sf(high))
 
     @property
     def deviation(self) -> float:
@@ -221,7 +311,7 @@ class Parameter(Table):
         if self.distribution is None:
             return self
         law = self.distribution.law
-        below, above = (law.cdf(low), law.cdf(high)), (law.sf(low), law.sf(high))
+        below, above = (_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
         if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
             raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
         # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
@@ -235,6 +325,11 @@ class Parameter(Table):
         return self
 
 
+def _below(law: object) -> Callable[[float], float]:
+    """Return the function of the shares below numbers, which of continuous distributions is that up to them."""
+    return getattr(law, "below", law.cdf)
+
+
 def _continuous(name: str) -> rv_continuous:
     """Return the continuous distribution `name` of scipy.stats."""
     from scipy import stats  # half a second, which a scene without distributions need not wait for
@@ -242,9 +337,10 @@ def _continuous(name: str) -> rv_continuous:
     distribution = getattr(stats, name, None)
     if isinstance(distribution, stats.rv_continuous):
         return distribution
-    known = [key for key, value in vars(stats).items() if isinstance(value, stats.rv_continuous)]
+    known = [key for key, value in vars(stats).items() if isinstance(value, stats.rv_continuous)] + list(OWN)
     nearest = nearest_name(name, known)
     examples = nearest if len(nearest) < 50 else "; known are norm, uniform, lognorm, truncnorm, weibull_min, ..."
+    examples += f", and {', '.join(OWN)}" if len(nearest) >= 50 else ""
     raise refusal(f"no continuous distribution of scipy.stats{examples}", "name")
 
 

@@ -113,3 +113,55 @@ def _beside(path: Path) -> str:
     except OSError:
         beside = []
     return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
+
+
+def read_values(data: Mapping[str, Any], directory: Path) -> None:
+    """Put the numbers of a file in the place of its name, in ``values`` of distributions: a scene carries all it is of.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is no number.
+    """
+    parameters = data.get("parameters")
+    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
+        law = parameter.get("distribution") if isinstance(parameter, dict) else None
+        _read_law(law, f"parameters.{name}.distribution", directory)
+
+
+def _read_law(law: object, entry: str, directory: Path) -> None:
+    if not isinstance(law, dict):
+        return
+    if isinstance(law.get("values"), str):
+        law["values"] = _numbers_of(law["values"], f"{entry}.values", directory)
+    parts = law.get("of")
+    for number, part in enumerate(parts if isinstance(parts, list) else ()):
+        _read_law(part, f"{entry}.of[{number}]", directory)
+
+
+def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
+    """Return the numbers of a file, one a line, behind a name in the first line or none."""
+    try:
+        path = directory / name
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(problem(entry, "no text file in UTF-8", name)) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(problem(entry, f"the file cannot be read ({reason}); it is sought in {directory}", name)) from error
+    numbers: list[float] = []
+    for line, row in enumerate(text.splitlines(), 1):
+        cell = row.strip().strip('"')
+        if not cell:
+            continue
+        try:
+            numbers.append(float(cell))
+        except ValueError as error:
+            if line == 1 and "," not in cell and ";" not in cell:
+                continue  # the name of the column
+            raise InputError(
+                problem(entry, f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line", name)
+            ) from error
+    return numbers

@@ -1,8 +1,8 @@
 """Units of parameters: SI inside, any compatible unit in a scene's file.
 
 What a parameter is follows from the entries that name it: a radius is a length, a Young's modulus a pressure. Its
-`unit` says what its numbers are given in: nominal, value, bounds, and ``loc`` and ``scale`` of its distribution (shape
-parameters have no unit). They are converted before the scene is validated; ``--set`` is in SI units whatever the unit.
+`unit` says what its numbers are given in: nominal, value, bounds, and ``loc``, ``scale`` and ``values`` of its
+distribution (shape parameters have no unit). They are converted before the scene is validated; ``--set`` is in SI units whatever the unit.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.fields import is_number
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.parameters import OWN
 from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
@@ -189,9 +190,21 @@ def _in_si(parameter: Mapping[str, Any], factor: float) -> dict[str, Any]:
     if isinstance(bounds, list):
         converted["bounds"] = [_times(bound, factor) for bound in bounds]
     if isinstance(distribution, dict):
-        # scipy's default for scale is 1, of the unit
-        scaled = {"scale": 1.0} | {key: distribution[key] for key in ("loc", "scale") if key in distribution}
-        converted["distribution"] = distribution | {key: _times(value, factor) for key, value in scaled.items()}
+        converted["distribution"] = _law_in_si(distribution, factor)
+    return converted
+
+
+def _law_in_si(law: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Return a raw distribution with the numbers that are in the parameter's unit converted."""
+    converted = dict(law)
+    # scipy's default for scale is 1, of the unit
+    scaled = {} if law.get("name") in OWN else {"scale": 1.0}
+    scaled |= {key: law[key] for key in ("loc", "scale") if key in law}
+    converted |= {key: _times(value, factor) for key, value in scaled.items()}
+    if isinstance(law.get("values"), list):
+        converted["values"] = [_times(value, factor) for value in law["values"]]
+    if isinstance(law.get("of"), list):
+        converted["of"] = [_law_in_si(one, factor) if isinstance(one, dict) else one for one in law["of"]]
     return converted
 
 

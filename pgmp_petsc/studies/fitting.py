@@ -7,7 +7,16 @@ With outputs y_k at n_k instants, sigma_k the deviation of their noise and p the
 is made as small as it becomes (`scipy.optimize.least_squares`, with bounds: Branch, Coleman and Li, SIAM J. Sci.
 Comput. 21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is
 left, in turn with p: those of maximum likelihood for independent normal noise. Standard errors and correlations are
-those of the covariance ``(J^T J)^-1`` at the end.
+those of the covariance at the end,
+
+    (J^T J)^-1 J^T R J (J^T J)^-1,
+
+where R has the correlations of what is left of an output with its own later values (`autocorrelation`): a sandwich
+(Newey and West, Econometrica 55 (1987) 703-708), which is ``(J^T J)^-1`` where noise is independent.
+
+Between two instants of a run an output is a cubic, so measurements there are as good as four that the cubic is compared
+with (`_Condensed`): of histories with more than that, these and the sum of squares that no cubic takes away are all that
+the search needs.
 """
 
 from __future__ import annotations
@@ -18,6 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
@@ -30,17 +40,21 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
-from pgmp_petsc.studies.measured_history import MeasuredHistory, remembered
+from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.studies.sensitivities import contact_remarks
 from pgmp_petsc.studies.turned_back import TurnedBack
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+    from scipy.interpolate import CubicSpline
 
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
 NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
+DENSE = 20  # measurements a step of a run, from which they are condensed
+MANY = 10_000  # rows of a matrix that is factorised before its singular values are looked for
+LEAST_FREEDOM = 0.1  # of values that are worth hardly more independent ones than there are parameters
 LEAST_NOISE = 1e-12  # of the largest measured value
 
 
@@ -50,7 +64,6 @@ class _Solution:
 
     values: dict[str, float]
     run: DifferentiatedRun
-    jacobian: np.ndarray
     converged: bool
     reason: str
 
@@ -159,6 +172,9 @@ class _Fitting:
         self._lengths = set(length_names(scene))
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
+        self._condensations: dict[bytes, _Condensed] = {}
+        # of the scene's own: runs with smaller steps have more, and residuals are as many in all
+        self._least_steps = 1 + count_steps(scene.simulation.duration, scene.simulation.step)
         self._runs: list[tuple[bytes, DifferentiatedRun]] = []
         self._turned_back = TurnedBack()
         self.n_runs = 0
@@ -169,14 +185,14 @@ class _Fitting:
         with timings.phase("fit"):
             begin = self._run(self._start)
             sigma, solution = self._solved()
-        weighted = np.concatenate([solution.jacobian[k] / sigma[k] for k in range(len(sigma))])
-        errors, correlation, blind = uncertainty(weighted, self._scale)
-        estimate = np.array([solution.values[name] for name in self._names])
         left = self._left(solution.run)
+        lasting = [autocorrelation(row) for row in left]
+        errors, correlation, blind = uncertainty(self._jacobian(solution.run) / sigma[:, None, None], self._scale, lasting)
+        estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
-            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation), *self._of_noise(left, sigma),
+            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation), *self._of_noise(left, sigma, lasting),
             *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
@@ -200,17 +216,16 @@ class _Fitting:
         history, known = self._history, self._noise
         largest = np.array([np.abs(values).max() for values in history.outputs.values()])
         least = LEAST_NOISE * np.maximum(largest, 1e-300)
-        left = self._left(self._run(self._start))
+        squares = self._squares(self._run(self._start))
         sigma = np.array(
-            [known.get(name, np.sqrt(np.mean(left[k] ** 2))) for k, name in enumerate(history.outputs)], dtype=float
+            [known.get(name, np.sqrt(squares[k] / self._n)) for k, name in enumerate(history.outputs)], dtype=float
         )
         sigma, at = np.maximum(sigma, least), self._start
         for _ in range(1 if len(known) == len(sigma) else MOST_ROUNDS):
             solution = self._minimum(at, sigma)
             at = np.array([solution.values[name] for name in self._names])
-            left = self._left(solution.run)
-            share = 1.0 - at.size / left.size  # of freedom that the parameters leave
-            found = np.sqrt(np.mean(left**2, axis=1) / share)
+            share = 1.0 - at.size / (self._n * len(sigma))  # of freedom that the parameters leave
+            found = np.sqrt(self._squares(solution.run) / self._n / share)
             found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], least)
             settled, sigma = np.all(np.abs(found - sigma) <= SETTLED * sigma), found
             if settled:
@@ -223,27 +238,22 @@ class _Fitting:
         lower, upper = self._limits.T / self._scale
         room = 1e-10 * (upper - lower)  # the method begins inside
         begin = np.clip(at / self._scale, lower + room, upper - room)
-        shape = self._left(self._run(begin * self._scale)).shape
+        shape = self._equations(self._run(begin * self._scale), sigma)[0].shape
 
         def residuals(x: np.ndarray) -> np.ndarray:
             try:
-                left = self._left(self._run(x * self._scale))
+                return self._equations(self._run(x * self._scale), sigma)[0]
             except PgmpError as error:
                 self._turned_back.add(error)
-                left = np.full(shape, np.nan)  # from which the method turns back
-            return (left / sigma[:, None]).ravel()
+                return np.full(shape, np.nan)  # from which the method turns back
 
         done = least_squares(
-            residuals, begin,
-            lambda x: np.concatenate(list(self._jacobian(self._run(x * self._scale)) / sigma[:, None, None]))
-            * self._scale,
+            residuals, begin, lambda x: self._equations(self._run(x * self._scale), sigma)[1] * self._scale,
             bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,
         )  # fmt: skip
         values = done.x * self._scale
-        run = self._run(values)
-        return _Solution(
-            dict(zip(self._names, map(float, values))), run, self._jacobian(run), done.status > 0, str(done.message)
-        )
+        found = dict(zip(self._names, map(float, values)))
+        return _Solution(found, self._run(values), done.status > 0, str(done.message))
 
     def _run(self, at: np.ndarray) -> DifferentiatedRun:
         """Return the run at values of the parameters, which is kept for whoever asks again."""
@@ -262,13 +272,54 @@ class _Fitting:
         self._runs = [*self._runs[-3:], (key, run)]
         return run
 
-    def _at(self, run: DifferentiatedRun, output: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return an output (n,) and its derivatives (n, n_parameters) at the measured instants, by a cubic spline."""
+    def _spline(self, run: DifferentiatedRun, output: str) -> CubicSpline:
+        """Return the spline of an output and its derivatives, values of shape (n_parameters + 1,)."""
         from scipy.interpolate import CubicSpline  # as above
 
         rows = [run.outputs[output], *(run.derivatives[output][name] for name in self._names)]
-        found = CubicSpline(run.time, np.array(rows), axis=1)(np.minimum(self._history.time, run.time[-1]))
-        return found[0], found[1:].T
+        return CubicSpline(run.time, np.array(rows).T)
+
+    def _at(self, run: DifferentiatedRun, output: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return an output (n,) and its derivatives (n, n_parameters) at the measured instants, by a cubic spline."""
+        found = self._spline(run, output)(np.minimum(self._history.time, run.time[-1]))
+        return found[:, 0], found[:, 1:]
+
+    @property
+    def _n(self) -> int:
+        """Number of instants."""
+        return self._history.time.size
+
+    def _condensed(self, run: DifferentiatedRun) -> _Condensed | None:
+        """Return the measurements as the cubics of a run see them; None where they are too few to be condensed."""
+        if self._n < DENSE * run.time.size:
+            return None
+        key = run.time.tobytes()
+        if key not in self._condensations:
+            self._condensations = {key: _Condensed(self._history, run.time)}
+        return self._condensations[key]
+
+    def _squares(self, run: DifferentiatedRun) -> np.ndarray:
+        """Return the sums of squares of what the run differs by from what was measured, shape (n_outputs,)."""
+        condensed = self._condensed(run)
+        if condensed is None:
+            return np.sum(self._left(run) ** 2, axis=1)
+        left = [condensed.rows(self._spline(run, name), name)[:, 0] for name in self._history.outputs]
+        return np.sum(np.square(left), axis=1) + [condensed.rest[name] for name in self._history.outputs]
+
+    def _equations(self, run: DifferentiatedRun, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return weighted residuals (m,) and their derivatives (m, n_parameters): of all measurements, or as many as
+        there are parameters and one, with the same products (their factor R), where they are condensed."""
+        condensed = self._condensed(run)
+        if condensed is None:
+            left, slopes = self._left(run) / sigma[:, None], self._jacobian(run) / sigma[:, None, None]
+            if self._n < DENSE * self._least_steps:
+                return left.ravel(), slopes.reshape(-1, slopes.shape[2])
+            rows = np.column_stack([slopes.reshape(-1, slopes.shape[2]), left.ravel()])
+        else:
+            parts = [condensed.rows(self._spline(run, name), name) for name in self._history.outputs]
+            rows = np.concatenate([np.roll(part, -1, axis=1) / one for part, one in zip(parts, sigma)])
+        factor = np.linalg.qr(rows, mode="r")
+        return factor[:, -1], factor[:, :-1]
 
     def _left(self, run: DifferentiatedRun) -> np.ndarray:
         """Return what the run differs by from what was measured, shape (n_outputs, n)."""
@@ -324,7 +375,7 @@ class _Fitting:
                     )
         return remarks
 
-    def _of_noise(self, left: np.ndarray, sigma: np.ndarray) -> list[Remark]:
+    def _of_noise(self, left: np.ndarray, sigma: np.ndarray, lasting: Sequence[np.ndarray]) -> list[Remark]:
         """Return in which outputs what is left is no independent noise, or not of the size that was given."""
         remarks = []
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
@@ -335,8 +386,15 @@ class _Fitting:
                 remarks.append(
                     warning(
                         f"what is left of {name} is no independent noise (correlation {after:.2f} {where}): the model "
-                        "differs from what was measured, or a better minimum lies elsewhere (--set begins there), and "
-                        "standard errors are too small"
+                        "differs from what was measured, or a better minimum lies elsewhere (--set begins there): "
+                        "standard errors allow for the correlation, but not for a wrong model"
+                    )
+                )
+            elif lasting[k].size > 1:
+                remarks.append(
+                    note(
+                        f"what is left of {name} is correlated ({lasting[k][1]:.2f} from one measurement to the next): "
+                        "standard errors allow for it (a sandwich with an autoregression of what is left)"
                     )
                 )
             if name in self._noise and size > 2.0 * row.size * sigma[k] ** 2:
@@ -347,15 +405,58 @@ class _Fitting:
         return remarks
 
 
-def uncertainty(jacobian: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+class _Condensed:
+    """Measurements between two instants of a run, as four equations for the cubic there.
+
+    With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m what was measured,
+    ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``.
+
+    Attributes
+    ----------
+    rest
+        Sums of squares by output that no cubic takes away.
+    """
+
+    def __init__(self, history: MeasuredHistory, time: np.ndarray) -> None:
+        self._steps = np.diff(time)
+        place = np.clip(np.searchsorted(time, history.time, side="right") - 1, 0, time.size - 2)
+        inside = np.minimum((history.time - time[place]) / self._steps[place], 1.0)
+        ends = np.searchsorted(place, np.arange(time.size))
+        self._factors = np.zeros((time.size - 1, 4, 4))
+        self._measured = {name: np.zeros((time.size - 1, 4)) for name in history.outputs}
+        self.rest = dict.fromkeys(history.outputs, 0.0)
+        for k, (first, last) in enumerate(zip(ends[:-1], ends[1:])):
+            if first == last:
+                continue
+            q, r = np.linalg.qr(np.vander(inside[first:last], 4))
+            self._factors[k, : len(r)] = r
+            for name, values in history.outputs.items():
+                own = q.T @ values[first:last]
+                self._measured[name][k, : len(own)] = own
+                self.rest[name] += float(np.sum((values[first:last] - q @ own) ** 2))
+
+    def rows(self, spline: CubicSpline, output: str) -> np.ndarray:
+        """Return what the cubics of an output differ by from what was measured, and its derivatives, shape (4 n_steps,
+        n_parameters + 1)."""
+        scaled = spline.c * self._steps[:, None] ** np.arange(3, -1, -1)[:, None, None]
+        found = np.einsum("kij,jkp->kip", self._factors, scaled)
+        found[:, :, 0] -= self._measured[output]
+        return found.reshape(-1, found.shape[2])
+
+
+def uncertainty(
+    jacobian: np.ndarray, scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return standard errors, correlations, and which parameters are not identifiable.
 
     Parameters
     ----------
     jacobian
-        Of the weighted residuals, shape (n, n_parameters).
+        Of the weighted residuals, shape (n, n_parameters), or of several outputs (n_outputs, n, n_parameters).
     scale
         Sizes of the parameters, shape (n_parameters,).
+    lasting
+        Of each output, the correlations of its residuals with later ones, 1 first; None: there are none.
 
     Returns
     -------
@@ -365,17 +466,36 @@ def uncertainty(jacobian: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np
         NaN there.
     ndarray of bool, shape (n_parameters,)
     """
-    _, sizes, directions = np.linalg.svd(jacobian * scale, full_matrices=False)
+    scaled = jacobian * scale
+    matrix = scaled.reshape(-1, scaled.shape[-1])
+    if len(matrix) > MANY:
+        matrix = np.linalg.qr(matrix, mode="r")
+    _, sizes, directions = np.linalg.svd(matrix, full_matrices=False)
     lost = sizes <= NO_DIRECTION * max(sizes[0], 1e-300)
     blind = np.any(np.abs(directions[lost]) > 1e-3, axis=0)
     inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes))
     root = directions.T * inverse
     covariance = root @ root.T
+    if lasting is not None and any(one.size > 1 for one in lasting):
+        covariance = covariance @ sum(_correlated(*one) for one in zip(scaled, lasting)) @ covariance
+        # parameters take more freedom from values that are worth fewer independent ones, of which deviations follow
+        n, worth = scaled[0].shape[0] * len(scaled), sum(len(scaled[0]) / (2.0 * sum(one) - 1.0) for one in lasting)
+        covariance *= (1.0 - len(scale) / n) / max(1.0 - len(scale) / worth, LEAST_FREEDOM)
     errors = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     correlation[blind], correlation[:, blind] = np.nan, np.nan
     return np.where(blind, np.inf, errors * scale), correlation, blind
+
+
+def _correlated(jacobian: np.ndarray, lasting: np.ndarray) -> np.ndarray:
+    """Return ``J^T R J`` of an output, whose matrix R has the correlations with later values along its diagonals."""
+    from scipy.signal import oaconvolve  # takes a noticeable time, and independent noise has no use for it
+
+    if lasting.size == 1:
+        return jacobian.T @ jacobian
+    both_sides = np.concatenate([lasting[:0:-1], lasting])
+    return jacobian.T @ oaconvolve(jacobian, both_sides[:, None], mode="same", axes=0)
 
 
 def _tied(names: Sequence[str], correlation: np.ndarray) -> list[Remark]:

@@ -6,6 +6,7 @@ The first line has the names: ``time`` (s) and outputs of the scene, in their SI
 from __future__ import annotations
 
 import csv
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"
+LARGE = 1_000_000  # bytes of a file that is read at once
+MOST_ORDER = 20  # of the autoregression of what is left
+NOTHING = 1e-6  # correlation that is none
 REMEMBERED = 0.5  # correlation of what is left with a later measurement, beyond which it is no noise
 LAGS = 10  # later measurements that are looked at: a vibration that is off may leave nothing at the next one
 BY_CHANCE = 3.5  # times 1 / sqrt(n), the deviation of correlations of n independent values: 1 of 200 such fits
@@ -55,21 +59,42 @@ def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHis
             names, rows = csv_table(stream, f"'{path}'", {TIME: "s", **outputs.units})
             used = _used(path, names, outputs)
             places = {name: names.index(name) for name in used}
-            table, lines = [], []
+            table, lines = _all_at_once(path, len(names), list(places.values()), duration), []
+            rows = rows if table is None else ()
+            table = [] if table is None else table
             for line, row in rows:
                 where = f"'{path}': line {line}"
                 table.append([_number(row[place], where, name) for name, place in places.items()])
                 lines.append(line)
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"measured history '{path}' cannot be read: {plain_reason(error) or error}") from error
-    if not table:
+    if not len(table):
         raise InputError(f"'{path}': there are no measurements in it, only a first line of names")
     columns = dict(zip(used, np.array(table).T))
     time = columns.pop(TIME)
-    _check_times(path, time, lines, duration)
+    if lines:
+        _check_times(path, time, lines, duration)
     others = [name for name in names if name not in used]
     remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
     return MeasuredHistory(time, columns, remarks)
+
+
+def _all_at_once(path: Path, n_columns: int, places: list[int], duration: float) -> np.ndarray | None:
+    """Return the columns of a file without any fault, shape (n, n_columns); None where reading line by line has to say
+    what is wrong, or is as quick."""
+    if path.stat().st_size < LARGE:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file without rows
+            table = np.loadtxt(path, delimiter=",", skiprows=1, encoding="utf-8-sig", ndmin=2, comments=None)
+    except (ValueError, OSError):
+        return None
+    if table.shape[1] != n_columns or not len(table):
+        return None
+    found, time = table[:, places], table[:, places[0]]
+    fine = np.all(np.abs(found) <= LARGEST) and np.all(np.diff(time) > 0.0)
+    return found if fine and time[0] >= 0.0 and time[-1] <= duration * (1.0 + 1e-12) else None
 
 
 def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
@@ -132,3 +157,33 @@ def remembered(left: np.ndarray) -> tuple[int, float]:
     most = int(np.argmax(np.abs(found)))
     is_noise = abs(found[most]) <= max(REMEMBERED, BY_CHANCE / np.sqrt(left.size))
     return (0, 0.0) if is_noise else (most + 1, float(found[most]))
+
+
+def autocorrelation(left: np.ndarray) -> np.ndarray:
+    """Return the correlations of what is left, (n,), with later measurements, from 1 of none later on to where they end.
+
+    Those of the autoregression whose order has the least information criterion (Schwarz, Annals of Statistics 6 (1978)
+    461-464), by Yule and Walker's equations: 1 alone for independent noise. Its first correlations are what was found,
+    and later ones follow without their noise (den Haan and Levin, Handbook of Statistics 15 (1997) 299-342). Of the
+    first order the bias of few values is taken off (Kendall, Biometrika 41 (1954) 403-404).
+    """
+    from scipy.linalg import solve_toeplitz
+
+    n, size = left.size, float(np.sum(left**2))
+    most = min(MOST_ORDER, n // 10)
+    if not size > 0.0 or most < 1:
+        return np.ones(1)
+    found = np.array([1.0, *(np.sum(left[lag:] * left[:-lag]) / size for lag in range(1, most + 1))])
+    best, least = np.zeros(0), 0.0
+    for order in range(1, most + 1):
+        weights = solve_toeplitz(found[:order], found[1 : order + 1])
+        rest = 1.0 - weights @ found[1 : order + 1]
+        criterion = n * np.log(max(rest, 1e-300)) + order * np.log(n)
+        if criterion < least:
+            best, least = weights, criterion
+    if best.size == 1:
+        best = found[1:2] = np.minimum(best + (1.0 + 3.0 * best) / n, 1.0 - 1.0 / n)
+    correlations = list(found[: best.size + 1])
+    while best.size and len(correlations) < n and max(np.abs(correlations[-best.size :])) > NOTHING:
+        correlations.append(float(best @ correlations[: -best.size - 1 : -1]))
+    return np.array(correlations)

@@ -16,6 +16,7 @@ from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.summary import json_text, summary_of
 from pgmp_petsc.scene.ensemble import Event
 
 UNCERTAIN = (
@@ -63,6 +64,24 @@ def test_the_probability_is_that_of_the_samples_and_the_terminal_says_it(
     assert np.abs(event.parameters["soft_1"]).max() <= np.sqrt(3.0)
 
 
+def test_the_design_point_is_on_the_border_and_nearest_to_the_origin(
+    found: tuple[RareEvent, str], model: ReducedModel
+) -> None:
+    event, said = found
+    likely = event.most_likely
+    assert likely.is_exact and f"beta {likely.beta[0]:.4g}, first-order probability" in said
+    values = {name: np.full(1, value) for name, value in model.scene.values.items()}
+    values |= {name: column[:1] for name, column in likely.parameters.items()}
+    angle = run_batch(model, values).outputs["crank_angle"][0]
+    spread = np.std(event.value[:100])
+    assert angle == pytest.approx(2.4e-3, abs=1e-3 * spread)
+    # there the slope, of which shares are the squares, and the way from the origin have one direction
+    np.testing.assert_allclose(likely.shares[0], likely.normal[0] ** 2 / likely.beta[0] ** 2, atol=5e-3)
+    assert 0.5 < likely.probability.sum() / event.estimate < 2.0
+    summary = json.loads(json_text(summary_of(event)))
+    assert summary["most_likely"]["beta"] == [pytest.approx(likely.beta[0])]
+
+
 def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, found: tuple[RareEvent, str]) -> None:
     path = folder / "ranks.h5"
     mpirun(2, *PGMP, "montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", path)
@@ -89,6 +108,7 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     commands = [
         ["info", str(folder / "rare.h5")],
         ["plot", str(folder / "rare.h5"), "-o", str(folder / "pictures")],
+        ["report", str(folder / "rare.h5"), "-o", str(folder / "page.html")],
         ["montecarlo", rom, "-n", "400", "--rare", EVENT, "-o", other],
         ["montecarlo", rom, "-n", "1000", "--rare", "crank_angel > 1", "-o", other],
         ["montecarlo", rom, "-n", "1000", "--rare", EVENT, "--resume", "-o", other],
@@ -97,9 +117,12 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     ]
     done = mpirun(1, "-c", IN_TURN, json.dumps(commands))
     statuses = [json.loads(line)[0] for line in done.stdout.splitlines() if line.startswith("[")]
-    assert [status or 0 for status in statuses] == [0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
+    assert [status or 0 for status in statuses] == [0, 0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
     assert f"probability             {found[0].estimate:.4g}" in done.stdout
     assert (folder / "pictures" / "rare_event.png").exists()
+    page = (folder / "page.html").read_text()
+    for shown in ("Rare events", "design point 1", "-n 1000 --seed 0 --rare &#39;crank_angle &gt; 0.0024&#39;", 'data-path="/most_likely/beta"'):
+        assert shown in page, shown
     assert "-n 400: with --rare at least 500 samples are needed" in done.stderr
     assert "there is no output crank_angel; did you mean 'crank_angle'?" in done.stderr
     assert "--resume with --rare: its samples are not kept on the way" in done.stderr
@@ -107,3 +130,30 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     assert "most likely at" in done.stdout and "(exact derivatives)" in done.stdout
     assert "--override fields: the tables of" in done.stderr
     assert not RareEvent.read(other).reached
+
+
+def test_parameters_that_step_have_no_design_point_and_that_is_said(model: ReducedModel) -> None:
+    from mpi4py import MPI
+
+    stepping = 'parameters.push={nominal=1.0, distribution={name="discrete", values=[0.9, 1.0, 1.2], weights=[5, 80, 1]}}'
+    other = ReducedModel(paper_scene(*UNCERTAIN, stepping), model.rom)
+    result = run_rare_event(other, Event(output="crank_angle", above=2.4e-3), 1500, 1, MPI.COMM_SELF)
+    assert result.reached and result.most_likely is None
+    assert set(result.parameters["push"]) == {0.9, 1.0, 1.2}
+    texts = [remark.text for remark in result.record.remarks]
+    assert "values of push step, so that the event has no design point, and none was looked for" in texts
+    n = 20_000
+    angles = run_batch(other, Sampler(other.scene, Plan(n, 2)).draw(0, n)).outputs["crank_angle"]
+    chance = np.mean(angles > 2.4e-3)
+    assert abs(chance - result.estimate) < 3.5 * np.hypot(np.sqrt(chance / n), result.variation * result.estimate)
+
+
+def test_shares_of_correlated_parameters_add_to_one_and_the_slope_is_that_of_the_runs(model: ReducedModel) -> None:
+    from mpi4py import MPI
+
+    correlated = ReducedModel(paper_scene(*UNCERTAIN, "correlation.r1={push=-0.6}"), model.rom)
+    likely = run_rare_event(correlated, Event(output="crank_angle", above=2.4e-3), 1000, 1, MPI.COMM_SELF).most_likely
+    assert likely.is_exact and likely.shares.sum(axis=1) == pytest.approx(1.0)
+    # thin and pushed hard come together: the event is nearer than without
+    alone = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 1000, 1, MPI.COMM_SELF).most_likely
+    assert likely.beta[0] < 0.95 * alone.beta[0]

@@ -90,3 +90,56 @@ def test_coefficients_that_contradict_each_other_are_refused_with_the_smallest_e
     assert smallest < 0.0
     with pytest.raises(InputError, match=rf"its smallest eigenvalue is {smallest:.4g}; make some coefficients smaller"):
         scene("correlation.r1={E=0.9, rho=-0.9}", "correlation.E={rho=0.9}")
+
+
+def test_students_copula_has_the_margins_and_extremes_that_come_together() -> None:
+    n, r, freedom = 40_000, 0.5, 3.0
+    asked = "correlation.r1={E=0.5}", 'ensemble.copula="student"', "ensemble.copula_freedom=3.0"
+    found = draw(scene(*asked), 3, 0, n)
+    shares = {
+        "r1": stats.norm(5.6e-3, 0.56e-3).cdf(found["r1"]),
+        "E": stats.lognorm(0.2, scale=2.1e11).cdf(found["E"]),
+    }
+    for name, share in shares.items():
+        assert stats.kstest(share, "uniform").pvalue > 1e-3, name
+    kendall = stats.kendalltau(found["r1"][:4000], found["E"][:4000]).statistic
+    assert kendall == pytest.approx(2.0 / np.pi * np.arcsin(r), abs=4.0 * 2.0 / 3.0 / np.sqrt(4000))
+    together = np.mean((shares["r1"] > 0.99) & (shares["E"] > 0.99))
+    # by integration over the t distribution of both
+    exact = stats.multivariate_t(shape=[[1.0, r], [r, 1.0]], df=freedom)
+    x = stats.t(freedom).isf(0.01)
+    chance = np.mean(np.all(exact.rvs(400_000, random_state=1) > x, axis=1))
+    assert together == pytest.approx(chance, abs=4.0 * np.sqrt(chance / n))
+    of_normal = draw(scene("correlation.r1={E=0.5}"), 3, 0, n)
+    far = stats.norm(5.6e-3, 0.56e-3).isf(0.01), stats.lognorm(0.2, scale=2.1e11).isf(0.01)
+    assert np.mean((of_normal["r1"] > far[0]) & (of_normal["E"] > far[1])) < 0.7 * together
+    # others are as they were
+    np.testing.assert_array_equal(found["rho"], draw(scene(), 3, 0, n)["rho"])
+
+
+def test_students_copula_joins_three_and_a_sample_does_not_depend_on_its_batch() -> None:
+    asked = scene("correlation.r1={E=0.8, rho=0.3}", 'ensemble.copula="student"')
+    whole = draw(asked, 3, 0, 3000)
+    for name, values in draw(asked, 3, 7, 31).items():
+        np.testing.assert_array_equal(values, whole[name][7:31])
+    for other, r in (("E", 0.8), ("rho", 0.3)):
+        kendall = stats.kendalltau(whole["r1"], whole[other]).statistic
+        assert kendall == pytest.approx(2.0 / np.pi * np.arcsin(r), abs=0.05)
+    with_many = draw(scene("correlation.r1={E=0.8, rho=0.3}", 'ensemble.copula="student"', "ensemble.copula_freedom=1000"), 3, 0, 50)
+    gaussian = draw(scene("correlation.r1={E=0.8, rho=0.3}"), 3, 0, 50)
+    for name, values in gaussian.items():
+        np.testing.assert_allclose(with_many[name], values, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (('ensemble.copula="student"',), "[correlation] names no parameters that it could join"),
+        (('ensemble.copula="clayton"', "correlation.r1={E=0.5}"), "ensemble.copula"),
+        (('ensemble.copula="student"', "ensemble.copula_freedom=0.5", "correlation.r1={E=0.5}"), "ensemble.copula_freedom"),
+    ],
+)
+def test_copulas_that_cannot_be_are_refused(overrides: tuple[str, ...], line: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scene(*overrides)
+    assert line in str(caught.value)

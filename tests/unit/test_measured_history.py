@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies.measured_history import read_history, remembered
+from pgmp_petsc.studies import measured_history
+from pgmp_petsc.studies.measured_history import autocorrelation, read_history, remembered
 
 OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
 DURATION = 1.0
@@ -70,6 +72,32 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, message: str) -
     assert message in str(caught.value) and "measured.csv" in str(caught.value)
 
 
+def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measured_history, "LARGE", 0)
+    slowly: list[str] = []
+    one_by_one = measured_history._number
+    monkeypatch.setattr(measured_history, "_number", lambda *a: slowly.append(a[0]) or one_by_one(*a))
+    path = written(tmp_path, "\ufeffbend, time (s),  load\n1e-3, 0.0, 7\n\n2e-3, 0.5, 8\n")
+    found = read_history(path, OUTPUTS, DURATION)
+    np.testing.assert_array_equal(found.time, [0.0, 0.5])
+    np.testing.assert_array_equal(found.outputs["bend"], [1e-3, 2e-3])
+    assert not slowly
+    for rows, message in (
+        ("0,1\n0.1,x\n", "line 3: angle = 'x'"),
+        ("0,1\n0.1\n", "line 3 has 1 entries"),
+        ("0,1,2\n0.1,3,4\n", "line 2 has 3 entries"),
+        ("0,nan\n", "line 2: angle = 'nan'"),
+        ("0,1\n0.2,1\n0.2,1\n", "line 4: time = 0.2 s comes after"),
+        ("0.5,1\n1.5,1\n", "line 3: time = 1.5 s is not in the run"),
+        ("", "there are no measurements in it"),
+    ):
+        with pytest.raises(InputError, match="measured.csv") as caught:
+            read_history(written(tmp_path, f"time,angle\n{rows}"), OUTPUTS, DURATION)
+        assert message in str(caught.value)
+
+
 def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="measured history .* cannot be read: .*No such file"):
         read_history(tmp_path / "none.csv", OUTPUTS, DURATION)
@@ -95,3 +123,17 @@ def test_noise_is_taken_for_noise() -> None:
         found = [remembered(random.normal(size=n))[0] for _ in range(200)]
         assert np.count_nonzero(found) <= (40 if n == 5 else 8 if n == 20 else 3), n
     assert remembered(np.zeros(50)) == (0, 0.0) and remembered(np.ones(3)) == (0, 0.0)
+
+
+def test_correlated_noise_is_described_by_its_correlations_and_independent_noise_by_none() -> None:
+    random, n = np.random.default_rng(6), 20_000
+    noise = random.normal(size=n)
+    np.testing.assert_array_equal(autocorrelation(noise), [1.0])
+    np.testing.assert_array_equal(autocorrelation(np.zeros(50)), [1.0])
+    np.testing.assert_array_equal(autocorrelation(np.ones(5)), [1.0])
+    found = autocorrelation(lfilter([1.0], [1.0, -0.4], noise))
+    # each is known to 1 / sqrt(n) = 0.007
+    np.testing.assert_allclose(found[:4], 0.4 ** np.arange(4), atol=0.03)
+    assert 10 < found.size < 40
+    averaged = autocorrelation(noise[1:] + noise[:-1])  # which is no autoregression
+    np.testing.assert_allclose(averaged[:3], [1.0, 0.5, 0.0], atol=0.03)

@@ -9,6 +9,7 @@ from scipy.integrate import quad, trapezoid
 from scipy.stats import binom, chi2, norm
 
 from pgmp_petsc.cli.rare import alone
+from pgmp_petsc.ensemble.design_points import design_points
 from pgmp_petsc.ensemble.importance import (
     CLUSTERS,
     KernelDensity,
@@ -26,6 +27,7 @@ from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
 from pgmp_petsc.ensemble.rays import apart, directions_of, entrances, most_rays, unlike
 from pgmp_petsc.runtime.errors import InputError
 
+OF_SUM = 2.6676243  # beta of 6 = exp(0.3 u_1) + exp(0.6 u_2)
 ONE_IN_A_THOUSAND = 1e-3
 ONE_IN_TEN_THOUSAND = float(norm.isf(1e-4))
 OUTPUT = 'outputs.push={type="deformation", point="rod:tip", axis="x"}'
@@ -115,6 +117,113 @@ def test_an_impossible_event_is_bounded_with_all_runs() -> None:
     assert not find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700
     nothing = RareSamples((), np.zeros((2, 1)), np.full(2, np.nan), np.zeros(0), ())
     assert "not reached by 0 levels of subset simulation: it is rarer" in rare_remarks(nothing, np.ones(2), True)[0].text
+
+
+@pytest.mark.parametrize("d", [2, 10])
+@pytest.mark.parametrize("kind", ["indicator", "plateau", "stairs"])
+def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kind: str, d: int) -> None:
+    """Levels found no threshold below the constant, and gave up after 620 of 5,000 runs."""
+    exact, beyond = 1e-6, plane(d, float(norm.isf(1e-6)))
+    limit_state = {
+        "indicator": lambda u: np.where(beyond(u) <= 0.0, -0.5, 0.5),
+        "plateau": lambda u: np.minimum(beyond(u), 1.0),
+        "stairs": lambda u: np.ceil(beyond(u) / 1.5),
+    }[kind]
+    found = [find(limit_state, d, 5000, seed) for seed in range(8)]
+    assert all(one.reached and one.limit_state.size <= 5000 for one in found)
+    estimates = np.array([one.probability for one in found]) / exact
+    # measured 5 to 12 %
+    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.25
+    held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
+    assert held >= binom(8, 0.95).ppf(1e-3)
+
+
+def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
+    """Of a thin slab near the origin samples from farther out find less than plain ones."""
+    exact = float(np.diff(norm.cdf([0.5, 0.508]))[0])
+    found = [find(lambda u: np.where(np.abs(u[:, 0] - 0.504) < 0.004, -1.0, 1.0), 3, 3000, seed) for seed in range(10)]
+    ends = np.array([one.interval(0.95) for one in found])
+    assert np.sum((ends[:, 0] <= exact) & (exact <= ends[:, 1])) >= 8 and all(one.limit_state.size > 2990 for one in found)
+    plain = [one for one in found if one.is_plain and one.reached]
+    for one in plain:
+        assert one.probability == np.mean(one.contributions)
+        assert "plain random samples are in it" in rare_remarks(one, np.zeros(3000), True)[0].text
+
+
+def test_one_in_a_thousand_million_is_known_from_5000_samples() -> None:
+    """Levels of 620 samples each came to an end at 1e-6, whatever their number in all."""
+    exact = 1e-9
+    for d, limit_state in ((2, plane(2, float(norm.isf(exact)))), (50, plane(50, float(norm.isf(exact))))):
+        found = [find(limit_state, d, 5000, seed) for seed in range(6)]
+        estimates = np.array([one.probability for one in found]) / exact
+        # measured 8 and 12 %
+        assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.3 and all(one.limit_state.size <= 5000 for one in found)
+
+
+def test_fifty_parameters_at_1e_6_are_reached() -> None:
+    found = [find(plane(50, float(norm.isf(1e-6))), 50, 5000, seed) for seed in range(6)]
+    estimates = np.array([one.probability for one in found]) / 1e-6
+    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.25  # measured 9 %
+
+
+def test_an_event_that_is_worth_nothing_is_bounded() -> None:
+    """An indicator in 50 variables: no slope tells its direction, and a few samples have all of the weight."""
+    beyond = plane(50, float(norm.isf(1e-6)))
+    found = [find(lambda u: np.where(beyond(u) <= 0.0, -1.0, 1.0), 50, 5000, seed) for seed in range(4)]
+    weak = [one for one in found if one.is_weak]
+    assert weak and all(one.interval(0.95)[0] == 0.0 < 1e-6 < one.interval(0.95)[1] < 0.01 for one in weak)
+    said = rare_remarks(weak[0], np.zeros(5000), True)[0].text
+    assert said.startswith("the event was found, but its") and "of which no probability follows" in said
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_design_points_are_the_nearest_ones_of_the_border(exact: bool) -> None:
+    """Of a paraboloid that bends away, of a plane in 20 variables, and of a lognormal sum whose point another program
+    (OpenTURNS 1.27, AbdoRackwitz) gives."""
+
+    def searched(g, slope, starts, most=4000):
+        return design_points(g, (lambda u: (g(u), slope(u))) if exact else None, np.atleast_2d(starts), most)
+
+    for bend in (0.3, -0.1):
+
+        def bent(u, bend=bend):
+            return 3.0 - u[:, 0] + 0.5 * bend * np.sum(u[:, 1:] ** 2, axis=1)
+
+        found = searched(bent, lambda u, bend=bend: np.column_stack([-np.ones(len(u)), bend * u[:, 1:]]), [3.2, 1.0, -0.5])
+        np.testing.assert_allclose(found.points[0], [3.0, 0.0, 0.0], atol=0.02)
+        assert found.beta[0] == pytest.approx(3.0, abs=1e-3) and found.is_exact == exact
+        np.testing.assert_allclose(found.alpha[0], [1.0, 0.0, 0.0], atol=0.01)
+    far = searched(plane(20, 6.0), lambda u: np.full(u.shape, -1.0 / np.sqrt(20.0)), np.ones(20))
+    assert far.beta[0] == pytest.approx(6.0, rel=1e-6) and far.n_runs <= (2 if exact else 42) + 21
+
+    def total(u):
+        return 6.0 - np.exp(0.3 * u[:, 0]) - np.exp(0.6 * u[:, 1])
+
+    found = searched(total, lambda u: -np.column_stack([0.3 * np.exp(0.3 * u[:, 0]), 0.6 * np.exp(0.6 * u[:, 1])]), [1.0, 2.0])
+    assert found.beta[0] == pytest.approx(OF_SUM, abs=2e-4)
+    assert searched(total, lambda u: np.zeros(u.shape), [[np.nan, 1.0]]) is None
+    assert searched(lambda u: np.ones(len(u)), lambda u: np.zeros(u.shape), [[1.0, 1.0]]) is None
+    assert searched(total, lambda u: np.zeros(u.shape), [[1.0, 1.0]], most=3) is None
+
+
+def test_both_design_points_of_two_sides_are_found_and_what_has_no_slope_has_none() -> None:
+    found = find(both_sides, 2, 2000, 1).design
+    np.testing.assert_allclose(found.beta, norm.isf(0.5e-3), rtol=1e-3)
+    assert sorted(np.sign(found.points[:, 0])) == [-1.0, 1.0]
+    assert find(lambda u: np.where(both_sides(u) <= 0.0, -1.0, 1.0), 2, 2000, 1).design is None
+
+
+def test_slopes_that_are_given_count_as_samples_and_differences_stand_in_where_they_fail() -> None:
+    asked: list[int] = []
+
+    def slopes(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(len(u))
+        return plane(3, 4.0)(u), np.full(u.shape, -1.0 / np.sqrt(3.0))
+
+    found = find(plane(3, 4.0), 3, 1000, 1, slopes)
+    assert found.design.is_exact and asked and found.limit_state.size + sum(asked) == 1000
+    without = find(plane(3, 4.0), 3, 1000, 1, lambda u: (np.full(len(u), np.nan), np.full(u.shape, np.nan)))
+    assert not without.design.is_exact and without.design.beta[0] == pytest.approx(4.0, rel=1e-3)
 
 
 def test_failed_samples_count_as_not_in_the_event_and_bound_it() -> None:
