@@ -303,7 +303,7 @@ class _Sampling:
     ) -> MissedAnswers | None:
         """Return what the finished basis misses of the answers to its loads (first rank; None elsewhere). Collective."""
         problem, stressed = self.sampler.problem, stressed_bodies(self.scene)
-        dofs = np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed])
+        dofs = np.sort(np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed]))
 
         def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
             weights, forces, answers = missed_answers_at(problem, static_loads, theta, sample, combination)

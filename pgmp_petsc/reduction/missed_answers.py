@@ -45,7 +45,7 @@ class MissedAnswers:
     weights
         Monomials of the n_w terms of L.
     dofs
-        Numbers of the unknowns whose answers are kept, shape (k,).
+        Numbers of the unknowns whose answers are kept, increasing, shape (k,).
     forces
         ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q).
     answers
