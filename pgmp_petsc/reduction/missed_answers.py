@@ -23,17 +23,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.sampler import Sample
-from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
+from pgmp_petsc.reduction.tables import ReducedTables
+
+if TYPE_CHECKING:
+    from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+    from pgmp_petsc.reduction.sampler import Sample
+    from pgmp_petsc.reduction.static_loads import StaticLoads
 
 
 @dataclass(frozen=True, eq=False)
