@@ -129,11 +129,12 @@ def _of_own_error(
         return (not_known(scene, what),)
     effects = []
     for output, at_end in errors.at_end.items():
-        size = max(abs(run.derivatives[output][name][-1] * (new - scene.values[name])) for name, new in zip(names, moved))
+        slopes = run.derivatives[output]
+        size = max(abs(slopes[name][-1] * (new - scene.values[name])) for name, new in zip(names, moved))
         largest = float(np.max(np.abs(run.outputs[output])))
         for name, new, error in zip(names, moved, at_end[1:]):
             change = new - scene.values[name]
-            slope = float(run.derivatives[output][name][-1])
+            slope = float(slopes[name][-1])
             # an effect that is nothing beside the largest one, or beside the output, is not worth a word
             if abs(slope * change) > max(LEAST * size, ROUND_OFF * largest):
                 without = slope - (error - at_end[0]) / change
