@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
     import h5py

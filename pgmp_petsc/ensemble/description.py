@@ -22,6 +22,7 @@ from pgmp_petsc.ensemble.retry import has_steps_left
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe, holds_to, of_event, quantile_bounds
+from pgmp_petsc.indicator.own_error import of_statistics
 from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
@@ -108,7 +109,11 @@ def describe_ensemble(
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),
-    )
+        *of_statistics(
+            outputs.items(), estimates["errors_at_end"], chosen, units,
+            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
+        ),
+    )  # fmt: skip
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
         model=origin.model,

@@ -323,9 +323,9 @@ class _Sampling:
     def missed(
         self, store: SampleStore, basis: ContinuousBasis | None, static_loads: StaticLoads
     ) -> MissedAnswers | None:
-        """Return what the finished basis misses of the answers to its loads (first rank; None elsewhere). Collective."""
+        """Return what the finished basis misses of the answers to its loads; None but on the first rank. Collective."""
         problem, stressed = self.sampler.problem, stressed_bodies(self.scene)
-        dofs = np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed])
+        dofs = np.sort(np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed]))
 
         def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
             weights, forces, answers = missed_answers_at(problem, static_loads, theta, sample, combination)

@@ -1,7 +1,7 @@
 """What a basis misses of the static answers to its own loads away from the nominal parameters.
 
-Every flexible vector answers a load at the nominal parameters p0, ``K(p0) psi_j = l_j(p0)`` but for joint forces: a mode
-its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other parameters
+Every flexible vector answers a load at the nominal parameters p0, ``K(p0) psi_j = l_j(p0)`` but for joint forces: a
+mode its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other parameters
 the answers to these loads are other vectors. A basis holds them well in the energy norm, and so what bends; of the
 little energy of stretching and shear, it may have 20 to 130 % too much or too little of the force, in sections of 10 %
 other radius. The answers with the nominal stiffness are known beforehand, so that what a reduced state misses is
@@ -23,29 +23,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.sampler import Sample
-from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
+from pgmp_petsc.reduction.tables import ReducedTables
+
+if TYPE_CHECKING:
+    from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+    from pgmp_petsc.reduction.sampler import Sample
+    from pgmp_petsc.reduction.static_loads import StaticLoads
 
 
 @dataclass(frozen=True, eq=False)
 class MissedAnswers:
-    """Tables over n configurations of the loads L that q vectors answer: the free rigid motions, then those of the basis.
+    """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis.
 
     Attributes
     ----------
     weights
         Monomials of the n_w terms of L.
     dofs
-        Numbers of the unknowns whose answers are kept, shape (k,).
+        Numbers of the unknowns whose answers are kept, increasing, shape (k,).
     forces
         ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q).
     answers
@@ -88,7 +90,7 @@ class Missed:
         self._answers = interpolant(tables.samples, found.answers, scheme)
 
     def of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """Return du, shape (k, n), for reduced coordinates (n, n_eta); parameter values are numbers or of shape (n,)."""
+        """Return du, shape (k, n), for reduced coordinates (n, n_eta); values are numbers or of shape (n,)."""
         n, theta, delta = len(eta), eta[:, : self._n_theta], eta[:, self._n_theta :]
         loads, stiffness = (
             np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.results.numbers import end_texts, number_text, share_text
+from pgmp_petsc.results.numbers import end_texts, number_text
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
@@ -56,6 +57,7 @@ DENSE = 20  # measurements a step of a run, from which they are condensed
 MANY = 10_000  # rows of a matrix that is factorised before its singular values are looked for
 LEAST_FREEDOM = 0.1  # of values that are worth hardly more independent ones than there are parameters
 LEAST_NOISE = 1e-12  # of the largest measured value
+OF_STANDARD_ERROR = 0.5  # what the model's own error may move an estimate by before it is said
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def ends_of(model: ReducedModel, name: str) -> tuple[float, float] | None:
 
 def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
     """Return between what a parameter is searched: its ends, else the distribution's span of three deviations, else
-    from a hundredth to a hundred times its value."""
+    from a hundredth to a hundred times its value; no further than the reduced model serves, but from its value on."""
     scene, ends = model.scene, ends_of(model, name)
     parameter, value = scene.parameters[name], scene.values[name]
     if ends is not None:
@@ -147,11 +149,33 @@ def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
     else:
         ends = value / WIDE, value * WIDE
         low, high = (min(ends), max(ends)) if value else (-1.0, 1.0)
+    served = model.served.get(name)
+    if served is not None:
+        low, high = max(low, served.low), min(high, served.high)
     if name in scene.positive_parameters:
         low = max(low, 1e-3 * abs(scene.nominal[name]))
     elif name in scene.parameters_not_negative:
         low = max(low, 0.0)
     return min(low, value), max(high, value)
+
+
+def served_remarks(model: ReducedModel, names: Sequence[str]) -> tuple[Remark, ...]:
+    """Return which bounds are wider than what the model serves, within which parameters are searched, with the cure."""
+    found, ranges = [], model.served
+    for name in names:
+        bounds, served = model.scene.parameters[name].bounds, ranges.get(name)
+        if bounds is None or served is None or served.is_sharp:
+            continue
+        low, high = max(bounds[0], served.low), min(bounds[1], served.high)
+        if (low, high) != tuple(bounds):
+            found.append(
+                note(
+                    f"{name} is searched in [{low:.6g}, {high:.6g}], the range that the reduced model was built for, "
+                    f"and not in all of its bounds [{bounds[0]:.6g}, {bounds[1]:.6g}]: for these build with a "
+                    f"distribution that spans them, or without one (pgmp build SCENE)"
+                )
+            )
+    return tuple(found)
 
 
 class _Fitting:
@@ -167,7 +191,7 @@ class _Fitting:
     ) -> None:
         self._count = count
         self._history, self._names, self._noise = history, tuple(names), noise
-        self._model, scene = of_samples(model, names), model.scene
+        self._served, self._model, scene = model, of_samples(model, names), model.scene
         self._limits = np.array([limits_of(model, name) for name in names])
         self._lengths = set(length_names(scene))
         self._start = np.array([scene.values[name] for name in names])
@@ -187,12 +211,15 @@ class _Fitting:
             sigma, solution = self._solved()
         left = self._left(solution.run)
         lasting = [autocorrelation(row) for row in left]
-        errors, correlation, blind = uncertainty(self._jacobian(solution.run) / sigma[:, None, None], self._scale, lasting)
+        slopes = self._jacobian(solution.run) / sigma[:, None, None]
+        errors, correlation, blind = uncertainty(slopes, self._scale, lasting)
         estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
-            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation), *self._of_noise(left, sigma, lasting),
+            *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
+            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation),
+            *self._of_noise(left, sigma, lasting),
             *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
@@ -374,6 +401,25 @@ class _Fitting:
                         )
                     )
         return remarks
+
+    def _of_own_error(
+        self, solution: _Solution, slopes: np.ndarray, sigma: np.ndarray, errors: np.ndarray
+    ) -> tuple[Remark, ...]:
+        """Return what errors of the model do to the estimates, by a step of the fit: `slopes` is its Jacobian over the
+        noise, (n_outputs, n, n_parameters), standard errors are (n_parameters,)."""
+        own = OwnErrors.of_runs(self._model, [self._model.scene.values | solution.values])
+        known = None if own is None else own.over(self._history.time)
+        if known is None:
+            return (not_known(self._model.scene, "the estimates"),)
+        row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
+        moved = np.linalg.lstsq(slopes.reshape(-1, self._scale.size) * self._scale, row, rcond=NO_DIRECTION)[0] * self._scale
+        # y - e follows the data with values that differ by the step that e asks for
+        figures = [
+            (name, solution.values[name], solution.values[name] + float(step), float(error))
+            for name, step, error in zip(self._names, moved, errors)
+            if np.isfinite(error)
+        ]
+        return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
 
     def _of_noise(self, left: np.ndarray, sigma: np.ndarray, lasting: Sequence[np.ndarray]) -> list[Remark]:
         """Return in which outputs what is left is no independent noise, or not of the size that was given."""

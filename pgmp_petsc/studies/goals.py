@@ -76,7 +76,8 @@ class Outcome:
 
     def slopes(self, output: str) -> np.ndarray:
         """Return the derivatives of an output, shape (n_parameters, n_t)."""
-        return np.array([self.run.derivatives[output][name] for name in self.names])
+        rows = [self.run.derivatives[output][name] for name in self.names]
+        return np.array(rows).reshape(len(rows), self.run.time.size)
 
 
 Expression = Callable[[Outcome], Dual]

@@ -12,12 +12,15 @@ function of the design. Designs are found by sequential quadratic programming (S
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun
+from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.runtime.agreement import agreed
@@ -28,7 +31,8 @@ from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.design_figures import DesignFigures, Question
-from pgmp_petsc.studies.goals import Dual
+from pgmp_petsc.studies.fitting import served_remarks
+from pgmp_petsc.studies.goals import Dual, Outcome
 from pgmp_petsc.studies.sensitivities import contact_remarks, step_remarks
 
 if TYPE_CHECKING:
@@ -114,7 +118,11 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     confidence = model.scene.ensemble.confidence
     ends = figures.intervals(confidence)
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
+    values = model.scene.values | dict(zip(question.names, map(float, best)))
+    with timings.phase("errors"), agreed(comm, "errors of the design"):
+        own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
     remarks = (
+        *comm.bcast(own), *served_remarks(model, question.names),
         *_of_end(done, question, last, missed, sizes), *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures, ends, confidence), *step_remarks(model, ended), *contact_remarks(ended),
@@ -135,7 +143,6 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
         DesignParameter(name, scene.parameters[name].unit or "1", *map(float, row))
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
-    values = scene.values | dict(zip(question.names, map(float, best)))
     return Design(
         RunRecord(scene_to_toml(scene), values, question.seed if question.deviations is not None else None, comm.size,
                   timings.as_dict(), remarks),
@@ -168,6 +175,23 @@ def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int
     elif done.status not in (0, DESCENT_ENDED):
         remarks.append(warning(f"the search did not converge: {done.message}; begin nearer (--set)"))
     return remarks
+
+
+def _of_own_error(
+    model: ReducedModel, question: Question, values: dict[str, float], run: DifferentiatedRun
+) -> tuple[Remark, ...]:
+    """Return what errors of the model do to the goal and to the constraints, at the design without deviations."""
+    errors = OwnErrors.of_runs(of_samples(model, question.names), [values])
+    known = None if errors is None else errors.over(run.time)
+    if known is None:
+        return (not_known(model.scene, "the goal and the constraints"),)
+    better = replace(run, outputs={name: run.outputs[name] - known[name] for name in run.outputs})
+    told = []
+    for what in (question.goal, *question.constraints):
+        parts = (what.expression,) if what is question.goal else (what.left, what.right)
+        here, there = ([part(Outcome(one, values, ())).value for part in parts] for one in (run, better))
+        told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
+    return of_figures(told)
 
 
 def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> list[Remark]:

@@ -11,6 +11,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.indicator.coverage import polynomials_of_lengths
+from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 SHARE = 0.01  # of the value of a parameter without a distribution
+LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it
+ROUND_OFF = 1e-9  # of an output's largest value
 
 
 def chosen_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
@@ -78,11 +81,13 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> D
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     with timings.phase("run and derivatives"), progress(n_steps, "reduced", comm) as bar:
         run = differentiate(model, scene.values, names, bar.update)
+    with timings.phase("errors"):
+        own = _of_own_error(model, run, names)
     units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
     return Derivatives(
         RunRecord(
             scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(),
-            (*run_remarks(model, run), *_without_effect(run, names), *scene.remarks),
+            (*run_remarks(model, run), *own, *_without_effect(run, names), *scene.remarks),
         ),
         run.time,
         run.outputs,
@@ -111,6 +116,40 @@ def _change(scene: Scene, name: str) -> tuple[float, str]:
     return SHARE * abs(scene.values[name]), PERCENT
 
 
+def _of_own_error(
+    model: ReducedModel | LengthLanes, run: DifferentiatedRun, names: Sequence[str]
+) -> tuple[Remark, ...]:
+    """Return what errors of the model do to the effects at the end: they change from here to the next value of each
+    parameter."""
+    scene, what = model.scene, "derivatives"
+    moved = [_moved(scene, name) for name in names]
+    points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
+    errors = OwnErrors.of_runs(model, points)
+    if errors is None or not all(np.isfinite(end).all() for end in errors.at_end.values()):
+        return (not_known(scene, what),)
+    effects = []
+    for output, at_end in errors.at_end.items():
+        slopes = run.derivatives[output]
+        size = max(abs(slopes[name][-1] * (new - scene.values[name])) for name, new in zip(names, moved))
+        largest = float(np.max(np.abs(run.outputs[output])))
+        for name, new, error in zip(names, moved, at_end[1:]):
+            change = new - scene.values[name]
+            slope = float(slopes[name][-1])
+            # an effect that is nothing beside the largest one, or beside the output, is not worth a word
+            if abs(slope * change) > max(LEAST * size, ROUND_OFF * largest):
+                without = slope - (error - at_end[0]) / change
+                text = f"d {output} / d {name} at the end"
+                effects.append((text, slope, float(without), abs(slope)))
+    return of_figures(effects) if effects else ()
+
+
+def _moved(scene: Scene, name: str) -> float:
+    """Return the value of a parameter by which its effects are told further, back from the end of its bounds."""
+    value, change = scene.values[name], _change(scene, name)[0] or SHARE
+    bounds = scene.parameters[name].bounds
+    return value - change if bounds is not None and value + change > bounds[1] else value + change
+
+
 def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
     """Return the correlation of parameters, zero where one has no distribution."""
     matrix = correlation_matrix(scene, names)
@@ -130,8 +169,8 @@ def run_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> tu
     """Return what is to be said of the derivatives of a run."""
     remarks = [
         note(
-            "derivatives are those of the reduced model with its time step; their own errors are not estimated, those "
-            "of the run are by pgmp simulate"
+            "derivatives are those of the reduced model with its time step; errors of the run are estimated by pgmp "
+            "simulate"
         )
     ]
     remarks += step_remarks(model, run)
