@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.indicator.coverage import is_estimated
-from pgmp_petsc.indicator.error_indicator import FINER
-from pgmp_petsc.indicator.schedule import most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.indicator.schedule import FINER, most_evaluations, price_of_evaluation, schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.vectors import LANES
 
@@ -35,7 +34,8 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = count_steps(simulation.duration, simulation.step)
-    evaluations = sum(one.steps.size for one in schedules(n_steps, simulation.duration, most_evaluations(mechanism)))
+    sets = schedules(n_steps, simulation.duration, most_evaluations(mechanism))[:2]  # which most samples are settled by
+    evaluations = sum(one.steps.size for one in sets)
     estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places

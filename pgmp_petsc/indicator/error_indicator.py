@@ -30,7 +30,16 @@ from pgmp_petsc.indicator.edge_crossings import EdgeCrossings
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
-from pgmp_petsc.indicator.schedule import Schedule, agree, kept_steps, most_evaluations, schedules
+from pgmp_petsc.indicator.schedule import (
+    AGREED,
+    FINER,
+    UNSURE,
+    Schedule,
+    differences,
+    kept_steps,
+    most_evaluations,
+    schedules,
+)
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns, find_turns
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
@@ -41,7 +50,6 @@ if TYPE_CHECKING:
 # 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
 HOLD = 0.03
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
-FINER = 4  # steps of the run that is followed in one of the run itself
 LOOK = 10  # steps after which it is looked at whether a sample has turned
 
 
@@ -126,7 +134,7 @@ class _FinerRun:
     def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], n: int) -> None:
         self._indicator, self._values = indicator, values
         self._weights = indicator.modes.weights(values, n)
-        kept = FINER * indicator.kept
+        kept = indicator.kept
         self._place = np.full(FINER * indicator.n_steps + 1, -1)
         self._place[kept] = np.arange(kept.size)
         r = self._r = indicator.model.kinematics.n_coordinates
@@ -186,11 +194,12 @@ class WatchedRun:
         self._indicator = indicator
         self._values = values
         self._samples = samples
+        told = indicator.kept[indicator.kept % FINER == 0] // FINER
         self._place = np.full(indicator.n_steps + 1, -1)
-        self._place[indicator.kept] = np.arange(indicator.kept.size)
+        self._place[told] = np.arange(told.size)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
-        self._plain = np.empty((indicator.kept.size, samples.size, n_eta))
-        self._batch: FullBatch | None = None
+        self._plain = np.empty((told.size, samples.size, n_eta))
+        self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
@@ -222,21 +231,31 @@ class WatchedRun:
             about &= np.isfinite(equilibria).all(axis=0)
         # what cannot be placed stands still at the start, and is never advanced
         states[:, :, ~about] = states[:1, :, ~about]
-        found = [self._evaluate(schedule, states, slowest, about, equilibria) for schedule in indicator.schedules]
-        sizes = [{name: np.max(np.abs(error), axis=0) for name, error in errors.items()} for errors in found]
-        unsure = {name: np.zeros(n, dtype=bool) for name in sizes[0]}
-        if len(sizes) > 1:
-            known = {name: np.isfinite(sizes[-1][name]) for name in unsure}
-            unsure = {name: known[name] & ~same for name, same in agree(*sizes).items()}
-        errors = {name: np.where(unsure[name], np.nan, error) for name, error in found[-1].items()}
-        time = indicator.schedules[-1].steps * indicator.step
-        return Estimate(
-            {name: np.where(unsure[name], np.nan, size) for name, size in sizes[-1].items()},
-            {name: error[-1] for name, error in errors.items()},
-            tuple((time, {name: error[:, k] for name, error in errors.items()}) for k in range(n)),
-            fine & ~followed,
-            unsure,
-        )
+        names = indicator.model.outputs.functions
+        largest, at_end, apart = ({name: np.full(n, np.nan) for name in names} for _ in range(3))
+        histories: list = [None] * n
+        settled = np.zeros(n, dtype=bool)
+        for number, schedule in enumerate(indicator.schedules):
+            chosen = np.flatnonzero(~settled)
+            if not chosen.size:
+                break
+            begin = None if equilibria is None else equilibria[:, chosen]
+            errors = self._evaluate(schedule, chosen, states, slowest[chosen], about[chosen], begin)
+            now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
+            between = differences({name: values[chosen] for name, values in largest.items()}, now)
+            alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
+            settled[chosen] = alike | ~about[chosen]
+            time = schedule.steps[schedule.told] * (indicator.step / FINER)
+            for name, error in errors.items():
+                largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
+            for column, sample in enumerate(chosen):
+                histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
+        unsure = {name: np.isfinite(largest[name]) & ~(apart[name] <= UNSURE) for name in names}
+        for name, which in unsure.items():
+            largest[name][which] = at_end[name][which] = np.nan
+            for sample in np.flatnonzero(which):
+                histories[sample][1][name][:] = np.nan
+        return Estimate(largest, at_end, tuple(histories), fine & ~followed, unsure)
 
     def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Run the samples that are fine with smaller steps.
@@ -259,18 +278,32 @@ class WatchedRun:
     def _evaluate(
         self,
         schedule: Schedule,
+        chosen: np.ndarray,
         states: np.ndarray,
         slowest: np.ndarray,
         about: np.ndarray,
-        equilibria: np.ndarray | None,
+        begin: np.ndarray | None,
     ) -> dict[str, np.ndarray]:
-        """Return errors (n_e, n) at the instants of a schedule; `equilibria` as of `ErrorSystem`."""
+        """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
+
+        Parameters
+        ----------
+        schedule, chosen
+            Instants, and numbers of the samples.
+        states, slowest
+            As of `_followed`; the first of all samples.
+        about
+            Which of the chosen ones are advanced at all.
+        begin
+            As of `ErrorSystem`.
+        """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
-        checking, states = indicator.checking, states[schedule.places]
-        full = checking.scheduled(self._full, schedule, indicator.step, FINER)
+        checking, states = indicator.checking, states[schedule.places][:, :, chosen]
+        values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
         motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, slowest, checking.rotations)
-        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, equilibria)
-        observed = _Observed(checking.full, full, self._values, motion)
+        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
+        observed = _Observed(checking.full, full, values, motion, schedule.told)
         simulation = indicator.simulation.model_copy(
             update={
                 "step": schedule.interval,
@@ -279,26 +312,25 @@ class WatchedRun:
             }
         )
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
-        errors = self._errors(self._plain[schedule.places], observed.outputs(), about)
+        # samples that failed stand still at the start: they may be where nothing can be placed
+        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, chosen]
+        errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
 
-    @property
-    def _full(self) -> FullBatch:
-        """The full-order equations of the samples."""
-        if self._batch is None:
-            self._batch = self._indicator.checking.batch(self._values, self._samples.size)
-        return self._batch
+    def _batch_of(self, chosen: np.ndarray, values: Mapping[str, np.ndarray]) -> FullBatch:
+        """Return the equations of some samples; those of the last call where they are the same."""
+        if self._batch is None or not np.array_equal(self._batch[0], chosen):
+            self._batch = chosen, self._indicator.checking.batch(values, chosen.size)
+        return self._batch[1]
 
     def _errors(
-        self, plain: np.ndarray, there: Mapping[str, np.ndarray], known: np.ndarray
+        self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta)."""
         model, shape = self._indicator.told, plain.shape[:2]
-        # samples that failed stand still at the start: they may be where nothing can be placed
-        plain = np.where(known[:, None], plain, plain[:1])
-        every_time = {name: np.tile(value, shape[0]) for name, value in self._values.items()}
+        every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
@@ -312,12 +344,17 @@ class WatchedRun:
 
 
 class _Observed:
-    """Outputs of n corrected motions, evaluated for many instants together; observes their errors."""
+    """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray], motion: ReferenceMotion
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Mapping[str, np.ndarray],
+        motion: ReferenceMotion,
+        told: np.ndarray,
     ) -> None:
-        self._model, self._batch, self._values, self._motion = model, batch, values, motion
+        self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
@@ -330,9 +367,10 @@ class _Observed:
         self._take(int(numbers[0]), errors.q, errors.turns)
 
     def _take(self, number: int, errors: np.ndarray, turns: np.ndarray) -> None:
-        motion = self._motion.over(number, len(errors))[0]
+        told = self._told[number : number + len(errors)]
+        motion = self._motion.over(number, len(errors))[0][told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((motion, errors, turns.copy()))
+        self._waiting.append((motion, errors[told], turns[told]))
         if sum(part.size for part, _, _ in self._waiting) > TOGETHER:
             self._evaluate()
 
@@ -349,6 +387,6 @@ class _Observed:
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""
-        if self._waiting:
+        if any(len(part) for part, _, _ in self._waiting):
             self._evaluate()
         return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}
