@@ -1,14 +1,13 @@
 """Estimated errors of reduced runs, from the residual of their motion in the full-order equations.
 
-The estimate has three parts, each of which follows a kind of error through the run:
+- The error of the time step is that between the run and one of the same reduced model with smaller steps (`FINER` of
+  them in one): it goes through stops, friction and all that is nonlinear as the run itself does.
+- `residual_error`: all that the full-order equations say against that run. This is what the reduction leaves out
+  (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
 
-- `step_error`: vibrations that the time step changes, mode by mode; the angle that an exact step would have reached,
-- `sampled_load`: what loads do between two steps,
-- `residual_error`: all that the full-order equations say against the motion so corrected. This is what the reduction
-  leaves out (modes, terms, parameters, interpolation), and what the change of the angle sets off.
-
-Nothing is linearised about the reduced motion but the vibrations, so that ``q_reduced - error`` is an estimate of the
-full-order motion itself, and outputs are evaluated there.
+Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
+and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
+(`schedule`); where none do, the output has no estimate.
 """
 
 from __future__ import annotations
@@ -26,8 +25,6 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.indicator.checking_model import CheckingModel
-from pgmp_petsc.indicator.edge_crossings import EdgeCrossings
-from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import (
@@ -38,19 +35,15 @@ from pgmp_petsc.indicator.schedule import (
     differences,
     kept_steps,
     most_evaluations,
+    places_of,
     schedules,
 )
-from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns, find_turns
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
-# rad that a sample may turn with the same modes. Vibrations from two instants add up or cancel, by their phase: over
-# 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
-HOLD = 0.03
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
-LOOK = 10  # steps after which it is looked at whether a sample has turned
 
 
 @dataclass(frozen=True)
@@ -92,8 +85,6 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
-        terms, scheme = model.terms, model.scene.reduction.interpolation
-        self.modes = FlexibleModes(terms.tables, scheme, terms.damping, self.checking.driven)
         self._most = most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
@@ -127,62 +118,30 @@ class ErrorIndicator:
 
 
 class _FinerRun:
-    """The observer of a run with smaller steps: what its steps still do to it, at the instants that are evaluated."""
+    """The observer of a run with smaller steps, which keeps some of its states.
+
+    Parameters
+    ----------
+    kept
+        Numbers of the steps that are kept.
+    shape
+        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    """
 
     every = 1
 
-    def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], n: int) -> None:
-        self._indicator, self._values = indicator, values
-        self._weights = indicator.modes.weights(values, n)
-        kept = indicator.kept
-        self._place = np.full(FINER * indicator.n_steps + 1, -1)
-        self._place[kept] = np.arange(kept.size)
-        r = self._r = indicator.model.kinematics.n_coordinates
-        self.states = np.empty((kept.size, 3, n, r + indicator.model.terms.tables.n_modes))
+    def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
+        self._place = places_of(kept)
+        self.states = np.empty((kept.size, *shape))
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        if number == 0:
-            self._begin(np.array([state.q, state.v, state.a]))
-        else:
-            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
-        # a sample that fails may overflow here before it is given up
-        with np.errstate(all="ignore"):
-            shares = self._crossings.over(times, motion)
-            exact, missing = self._step_error.advance(motion, shares, self._turns(numbers, motion))
-            self._keep(numbers, motion, exact, missing)
-
-    def _begin(self, start: np.ndarray) -> None:
-        q, v, _ = start
-        step, r = self._indicator.step / FINER, self._r
-        self._middles = q[:, :r] + 0.5 * np.copysign(HOLD, v[:, :r])
-        modes = self._indicator.modes.at(self._middles, self._weights)
-        self.slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / step)
-        self._step_error = StepError(step, start.copy(), modes, self._indicator.checking.driven)
-        self._crossings = EdgeCrossings(self._indicator.model, self._values, start)
-        self.states[0] = start
-
-    def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
-        """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
-        looks = np.flatnonzero(numbers % LOOK == 0)
-        n_samples = motion.shape[2]
-        most = looks.size * n_samples
-        places, who, middles = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty((most, self._r))
-        n = find_turns(motion, looks, HOLD, self._middles, places, who, middles)
-        if not n:
-            return None
-        weights = tuple(part[who[:n]] for part in self._weights)
-        return Turns(places[:n], who[:n], self._indicator.modes.at(middles[:n], weights))
-
-    def _keep(self, numbers: np.ndarray, motion: np.ndarray, exact: np.ndarray, missing: np.ndarray) -> None:
-        """Keep what may be evaluated of some steps, given by their numbers."""
-        kept = np.flatnonzero(self._place[numbers] >= 0)
-        places = self._place[numbers[kept]]
-        self.states[places, :2], self.states[places, 2] = exact[kept], motion[kept, 2]
-        self.states[places] += missing[kept]
+        places = self._place[numbers]
+        self.states[places[places >= 0]] = motion[places >= 0]
 
 
 class WatchedRun:
@@ -195,8 +154,7 @@ class WatchedRun:
         self._values = values
         self._samples = samples
         told = indicator.kept[indicator.kept % FINER == 0] // FINER
-        self._place = np.full(indicator.n_steps + 1, -1)
-        self._place[told] = np.arange(told.size)
+        self._place = places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
         self._plain = np.empty((told.size, samples.size, n_eta))
         self._batch: tuple[np.ndarray, FullBatch] | None = None
@@ -224,7 +182,7 @@ class WatchedRun:
         """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
-        states, slowest, followed = self._followed(fine)
+        states, followed = self._followed(fine)
         about = followed & self._placeable(states)
         equilibria = indicator.checking.equilibria(self._values, about)
         if equilibria is not None:
@@ -240,7 +198,7 @@ class WatchedRun:
             if not chosen.size:
                 break
             begin = None if equilibria is None else equilibria[:, chosen]
-            errors = self._evaluate(schedule, chosen, states, slowest[chosen], about[chosen], begin)
+            errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
             between = differences({name: values[chosen] for name, values in largest.items()}, now)
             alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
@@ -257,30 +215,27 @@ class WatchedRun:
                 histories[sample][1][name][:] = np.nan
         return Estimate(largest, at_end, tuple(histories), fine & ~followed, unsure)
 
-    def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Run the samples that are fine with smaller steps.
 
         Returns
         -------
         states : ndarray, shape (n_kept, 3, n, n_eta)
-            Coordinates, velocities and accelerations without what those steps still do.
-        slowest : ndarray, shape (n,)
-            Time in which the slowest vibration turns by a radian, s.
+            Coordinates, velocities and accelerations.
         followed : ndarray, shape (n,)
             Which samples came to the end.
         """
-        indicator, n = self._indicator, self._samples.size
-        finer = _FinerRun(indicator, self._values, n)
-        system = indicator.model.batch(self._values, n)
+        indicator = self._indicator
+        finer = _FinerRun(indicator.kept, (3, *self._plain.shape[1:]))
+        system = indicator.model.batch(self._values, self._samples.size)
         run = integrate(system, indicator.finer, alive=fine, observer=finer, prefix=ERROR_PREFIX)
-        return finer.states, finer.slowest, fine & (run.status == Status.FINE)
+        return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
         self,
         schedule: Schedule,
         chosen: np.ndarray,
         states: np.ndarray,
-        slowest: np.ndarray,
         about: np.ndarray,
         begin: np.ndarray | None,
     ) -> dict[str, np.ndarray]:
@@ -290,8 +245,8 @@ class WatchedRun:
         ----------
         schedule, chosen
             Instants, and numbers of the samples.
-        states, slowest
-            As of `_followed`; the first of all samples.
+        states
+            Of all samples, as of `_followed`.
         about
             Which of the chosen ones are advanced at all.
         begin
@@ -301,16 +256,11 @@ class WatchedRun:
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
-        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, slowest, checking.rotations)
+        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         observed = _Observed(checking.full, full, values, motion, schedule.told)
-        simulation = indicator.simulation.model_copy(
-            update={
-                "step": schedule.interval,
-                "duration": (len(states) - 1) * schedule.interval,
-                "spectral_radius": 0.0,
-            }
-        )
+        steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
+        simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stand still at the start: they may be where nothing can be placed
         plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, chosen]

@@ -58,8 +58,7 @@ class ReferenceMotion:
     n_theta
         Number of rigid coordinates.
     longest
-        Largest step of the differences of every sample, shape (n_samples,), s: the bodies' own vibrations set it where
-        the mechanism does not turn.
+        Largest step of the differences, s: for what does not move at all.
     rotations
         Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
     """
@@ -70,7 +69,7 @@ class ReferenceMotion:
         n_dofs: int,
         states: np.ndarray,
         n_theta: int,
-        longest: np.ndarray,
+        longest: float,
         rotations: np.ndarray,
     ) -> None:
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states

@@ -28,7 +28,8 @@ OF_BEAM, OF_PAIR = 0.8, 0.17
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
-AGREED = 1.5  # ratio of two estimates, of which the second is then kept
+DAMPED = 0.5  # spectral radius of the steps of the error: less than of runs, as these instants are all that is seen
+AGREED = 1.25  # ratio of two estimates, of which the second is then kept
 UNSURE = 2.5  # beyond which the last two do not tell the error, as their own errors are of second order in the interval
 
 
@@ -48,12 +49,15 @@ class Schedule:
         Which of these are ends of the run's own steps, shape (n_e,).
     interval
         Time between two evaluations, s.
+    spectral_radius
+        Of the integration over these: 0, without a memory of what is faster, where they are longer than the run's steps.
     """
 
     steps: np.ndarray
     places: np.ndarray
     told: np.ndarray
     interval: float
+    spectral_radius: float
 
 
 def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
@@ -65,9 +69,9 @@ def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]
     while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
         strides.append(strides[-1] // 2)
     steps = [_every(each, FINER * n_steps) for each in strides]
-    kept = kept_steps(steps)
+    kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
     return [
-        Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps))
+        Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
         for some, each in zip(steps, strides)
     ]
 
@@ -75,6 +79,13 @@ def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]
 def kept_steps(steps: list[np.ndarray]) -> np.ndarray:
     """Return the numbers of the steps that any of some sets of them has, increasing."""
     return np.unique(np.concatenate(steps))
+
+
+def places_of(kept: np.ndarray) -> np.ndarray:
+    """Return where each step is among those that are kept, -1 where it is not, by the numbers of steps."""
+    places = np.full(kept[-1] + 1, -1)
+    places[kept] = np.arange(kept.size)
+    return places
 
 
 def _every(stride: int, n_steps: int) -> np.ndarray:
