@@ -16,12 +16,15 @@ WRITTEN = {
     "stiffness_lost": "lost {} by forces in the bodies",
 }
 
+NOT_ESTIMATED = "not estimated"
+
 
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str]) -> list[str]:
     """Return a line an output."""
     lines = ["  estimated errors over the run, of the reduction and the time step"]
     for name in errors.outputs:
-        lines.append(f"  {name:24s}{_error(errors.maximum(name), errors.share(name), units.get(name, '1'))}")
+        known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
+        lines.append(f"  {name:24s}{f'{NOT_ESTIMATED:>16s}: {errors.absent[name]}' if name in errors.absent else known}")
     return lines
 
 
@@ -72,7 +75,7 @@ def of_validity(validity: Mapping[str, float]) -> str:
 
 def _error(maximum: float, share: float, unit: str) -> str:
     if not np.isfinite(maximum):
-        return "          no estimate: the full-order equations could not be solved about this motion"
+        return f"{NOT_ESTIMATED:>16s}"
     relative = f" ({100 * share:.2g} % of its largest value)" if share <= 1.0 else ""
     if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all
         relative = f" (its largest value is {maximum / share:.2g} {unit})"

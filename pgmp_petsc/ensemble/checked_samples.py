@@ -2,9 +2,10 @@
 
 Where the scene gives no share, it is `SHARE`, or less where estimates would take more than `PRICE` of the time that
 runs take. The price is counted, not measured, as the samples must be the same whenever and wherever an ensemble is run:
-an estimate has some `EVALUATIONS` with the unknowns of beams, each with its neighbours, and of condensed bodies, each
-with all others of its body; a run has its steps with the reduced coordinates. A sample with lengths of its own is alone
-in the lanes of its estimate, and its mechanism is placed anew at every angle.
+an estimate has a run with smaller steps, and evaluations at two sets of instants with the unknowns of beams, each with
+its neighbours, and of condensed bodies, each with all others of its body; a run has its steps with the reduced
+coordinates. A sample with lengths of its own is alone in the lanes of its estimate, and its mechanism is placed anew at
+every angle.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = count_steps(simulation.duration, simulation.step)
-    sets = schedules(n_steps, simulation.duration, most_evaluations(mechanism))[:2]  # which most samples are settled by
-    evaluations = sum(one.steps.size for one in sets)
+    of_run = n_steps, simulation.duration, most_evaluations(mechanism)
+    # by the first two of them most samples are settled
+    evaluations = sum(one.steps.size for one in schedules(*of_run, bool(model.actions.edges))[:2])
     estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places

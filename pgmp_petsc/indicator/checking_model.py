@@ -61,11 +61,6 @@ class CheckingModel:
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
-    @property
-    def driven(self) -> tuple[int, ...]:
-        """Numbers of the prescribed coordinates."""
-        return tuple(self._motions)
-
     def unknowns_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the unknowns, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
         return self._reconstruction.unknowns(eta)

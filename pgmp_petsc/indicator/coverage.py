@@ -13,7 +13,7 @@ from pgmp_petsc.scene import Scene
 # steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
 # itself, and what they do wrong is a good part of the error of a few (docs/method.md, "where it is less good")
 FEW_STEPS = 10
-HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
+LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
 def is_estimated(scene: Scene) -> bool:
@@ -45,12 +45,12 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
 
 
 def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
-    """Return a warning of outputs that are hardly known, by their estimated errors."""
+    """Return a warning of outputs whose estimated errors are large."""
     shares = {name: errors.share(name) for name in errors.outputs}
     found = [
         f"{name} {100 * share:.2g} %" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
         for name, share in shares.items()
-        if share > HARDLY_KNOWN
+        if share > LARGE
     ]
     if not found:
         return ()
@@ -61,6 +61,17 @@ def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
             "pgmp tradeoff measures which of them does"
         ),
     )
+
+
+def not_estimated(errors: EstimatedErrors, scene: Scene) -> list[Remark]:
+    """Return which outputs have no estimate although the scene's errors can be estimated, and why."""
+    return [
+        note(
+            f"errors were not estimated for {', '.join(name for name, why in errors.absent.items() if why == reason)}: "
+            f"{reason}; {comparing(scene)}"
+        )
+        for reason in dict.fromkeys(errors.absent.values())
+    ]
 
 
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:

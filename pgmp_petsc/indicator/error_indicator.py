@@ -46,6 +46,10 @@ if TYPE_CHECKING:
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
 
+UNSOLVED = "the full-order equations could not be solved about this motion"
+STOPPED = f"the reduced run with 1/{FINER} of the step, which the estimate is made from, stopped"
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Estimated errors of n samples; NaN where a sample failed or has no estimate.
@@ -58,17 +62,14 @@ class Estimate:
         Error of every output at the end, reduced less full-order, shape (n,).
     histories
         Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
-    stopped
-        Which samples have none because their runs with smaller steps stopped, shape (n,).
-    unsure
-        Which have none of an output because two sets of instants disagree, shape (n,).
+    absent
+        Of every output why each sample has none, n of them; empty where it has one, and where the sample failed.
     """
 
     largest: dict[str, np.ndarray]
     at_end: dict[str, np.ndarray]
     histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
-    stopped: np.ndarray
-    unsure: dict[str, np.ndarray]
+    absent: dict[str, tuple[str, ...]]
 
 
 class ErrorIndicator:
@@ -93,7 +94,8 @@ class ErrorIndicator:
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / FINER})
-        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
+        edges = bool(self.model.actions.edges)
+        self.schedules = schedules(self.n_steps, simulation.duration, self._most, edges)
         self.kept = kept_steps([schedule.steps for schedule in self.schedules])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
@@ -208,12 +210,18 @@ class WatchedRun:
                 largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
-        unsure = {name: np.isfinite(largest[name]) & ~(apart[name] <= UNSURE) for name in names}
-        for name, which in unsure.items():
-            largest[name][which] = at_end[name][which] = np.nan
-            for sample in np.flatnonzero(which):
+        absent = {}
+        for name in names:
+            reasons = np.full(n, "", dtype=object)
+            reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
+            reasons[fine & ~followed] = STOPPED
+            unsure = np.isfinite(largest[name]) & ~(apart[name] <= UNSURE)
+            for sample in np.flatnonzero(unsure):
+                reasons[sample] = _disagree(apart[name][sample])
                 histories[sample][1][name][:] = np.nan
-        return Estimate(largest, at_end, tuple(histories), fine & ~followed, unsure)
+            largest[name][unsure] = at_end[name][unsure] = np.nan
+            absent[name] = tuple(reasons)
+        return Estimate(largest, at_end, tuple(histories), absent)
 
     def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Run the samples that are fine with smaller steps.
@@ -291,6 +299,12 @@ class WatchedRun:
         finite = np.isfinite(states).all(axis=(0, 1, 3))
         reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:3])
         return finite & reached.all(axis=(0, 2))
+
+
+def _disagree(factor: float) -> str:
+    """Return that estimates disagree by a factor, NaN where the other is not known."""
+    by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
+    return f"two estimates, with long and with short steps, disagree {by}; a smaller simulation.step is needed"
 
 
 class _Observed:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,12 +51,15 @@ class ModelError:
         The same as figures of the page.
     with_step
         The estimate that knows of the time step too, where this error does not; None otherwise.
+    absent
+        Why outputs have no estimate, those that have none.
     """
 
     shares: dict[str, float]
     how: str
     datums: dict[str, Datum]
     with_step: ModelError | None = None
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def worst(self) -> str | None:
@@ -94,12 +97,12 @@ def _estimated(sources: Sequence[Source]) -> ModelError | None:
         if isinstance(source.result, Trajectory) and source.result.errors is not None:
             errors = source.result.errors
             shares = {name: errors.share(name) for name in errors.outputs}
-            how = "estimated from residuals of the full-order equations, over the run; the time step's own is in it"
+            how = "estimated from a run with smaller steps and residuals of the full-order equations, over the run"
             datums = {
                 name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
                 for name, share in shares.items()
             }
-            return ModelError(shares, how, datums)
+            return ModelError(shares, how, datums, absent=errors.absent)
     return None
 
 
@@ -123,7 +126,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
     if error is not None and error.worst is not None:
         for what, one in (("model", error), ("model and time step", error.with_step)):
             for name, share in () if one is None else sorted(one.shares.items(), key=_largest_first):
-                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], one.how)
+                how = f"not estimated: {one.absent[name]}" if name in one.absent else one.how
+                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
         how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")

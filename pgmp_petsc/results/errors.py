@@ -8,7 +8,7 @@ dataset                       shape      content
 ``/errors/time``              (n_e)      instants of evaluation, s
 ``/errors/<output>``          (n_e)      estimated error of the output, reduced less full-order; attributes
                                          ``maximum``, its largest size, and ``share``, that of the output's
-                                         largest size over the run
+                                         largest size over the run; ``not_estimated``, why there is none
 ============================= ========== ======================================================================
 
 NaN where there is no estimate.
@@ -16,7 +16,7 @@ NaN where there is no estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import h5py
 import numpy as np
@@ -24,7 +24,7 @@ import numpy as np
 from pgmp_petsc.results.layout import check_shape
 from pgmp_petsc.runtime.files import put, take
 
-TIME = "time"
+TIME, ABSENT = "time", "not_estimated"
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
 ROTATION_LIMIT = 0.14
@@ -75,11 +75,14 @@ class EstimatedErrors:
         Error of every output, reduced less full-order, in the output's unit.
     largest : dict of str to float
         Largest size of every output over the run, of which errors are a share.
+    absent : dict of str to str
+        Why outputs have no estimate, those that have none.
     """
 
     time: np.ndarray
     outputs: dict[str, np.ndarray]
     largest: dict[str, float]
+    absent: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_shape("time of the errors", self.time, (None,))
@@ -101,9 +104,10 @@ class EstimatedErrors:
         put(group, TIME, self.time, "s", "instants at which the errors are estimated")
         for name, values in self.outputs.items():
             words = f"estimated error of output '{name}', reduced less full-order"
-            put(group, name, values, units.get(name, "1"), words).attrs.update(
-                maximum=self.maximum(name), share=self.share(name), largest=self.largest[name]
-            )
+            found = {"maximum": self.maximum(name), "share": self.share(name), "largest": self.largest[name]}
+            if name in self.absent:
+                found[ABSENT] = self.absent[name]
+            put(group, name, values, units.get(name, "1"), words).attrs.update(found)
 
     @classmethod
     def read(cls, file: h5py.File) -> EstimatedErrors | None:
@@ -116,4 +120,5 @@ class EstimatedErrors:
             time=take(group, TIME, 1),
             outputs={name: take(group, name, 1) for name in names},
             largest={name: float(group[name].attrs["largest"]) for name in names},
+            absent={name: str(group[name].attrs[ABSENT]) for name in names if ABSENT in group[name].attrs},
         )

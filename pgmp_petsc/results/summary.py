@@ -122,7 +122,11 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "outputs": outputs,
         "errors": None
         if errors is None
-        else {name: {"maximum": errors.maximum(name), "share": errors.share(name)} for name in errors.outputs},
+        else {
+            name: {"maximum": errors.maximum(name), "share": errors.share(name)}
+            | ({"not_estimated": errors.absent[name]} if name in errors.absent else {})
+            for name in errors.outputs
+        },
         "validity": run.validity,
         "balance": None
         if balance is None
