@@ -18,13 +18,16 @@ WRITTEN = {
     "stiffness_lost": "lost {} by forces in the bodies",
 }
 
+NOT_ESTIMATED = "not estimated"
+
 
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str]) -> list[str]:
     """Return a line an output."""
     what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
     lines = [f"  estimated errors over the run, of {what}"]
     for name in errors.outputs:
-        lines.append(f"  {name:24s}{_error(errors.maximum(name), errors.share(name), units.get(name, '1'))}")
+        known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
+        lines.append(f"  {name:24s}{f'{NOT_ESTIMATED:>16s}: {errors.absent[name]}' if name in errors.absent else known}")
     return lines
 
 
@@ -77,7 +80,7 @@ def of_validity(validity: Mapping[str, float]) -> str:
 
 def _error(maximum: float, share: float, unit: str) -> str:
     if not np.isfinite(maximum):
-        return "          no estimate: the full-order equations could not be solved about this motion"
+        return f"{NOT_ESTIMATED:>16s}"
     relative = f" ({share_text(share)} of its largest value)" if share <= 1.0 else ""
     factor, shown = axis_unit(unit, np.array([maximum / share if 0.0 < share <= 1.0 else maximum]))
     if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all

@@ -210,10 +210,6 @@ class ReducedSystem:
         self._act_on_all(time, state)
         return self._memory.known[:, DEPTH, self._edges].T
 
-    def depths_over(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
-        """Return how far edges are crossed at times (n_t,), shape (n_t, n_samples, n_events); see `action_forces`."""
-        return self._known(times, trail)[:, :, DEPTH, self._edges]
-
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
         return self.energies_over(np.array([time]), np.array([[state.q, state.v, state.a]]))

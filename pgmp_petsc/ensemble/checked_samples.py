@@ -2,17 +2,17 @@
 
 Where the scene gives no share, it is `SHARE`, or less where estimates would take more than `PRICE` of the time that
 runs take. The price is counted, not measured, as the samples must be the same whenever and wherever an ensemble is run:
-an estimate has some `EVALUATIONS` with the unknowns of beams, each with its neighbours, and of condensed bodies, each
-with all others of its body; a run has its steps with the reduced coordinates. A sample with lengths of its own is alone
-in the lanes of its estimate, and its mechanism is placed anew at every angle.
+an estimate has a run with smaller steps, and evaluations at two sets of instants with the unknowns of beams, each with
+its neighbours, and of condensed bodies, each with all others of its body; a run has its steps with the reduced
+coordinates. A sample with lengths of its own is alone in the lanes of its estimate, and its mechanism is placed anew at
+every angle.
 """
 
 from __future__ import annotations
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.indicator.coverage import is_estimated
-from pgmp_petsc.indicator.error_indicator import FINER
-from pgmp_petsc.indicator.schedule import most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.indicator.schedule import FINER, most_evaluations, price_of_evaluation, schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.vectors import LANES
 
@@ -37,7 +37,9 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = count_steps(simulation.duration, simulation.step)
-    evaluations = sum(one.steps.size for one in schedules(n_steps, simulation.duration, most_evaluations(mechanism)))
+    of_run = n_steps, simulation.duration, most_evaluations(mechanism)
+    # by the first two of them most samples are settled
+    evaluations = sum(one.steps.size for one in schedules(*of_run, bool(model.actions.edges))[:2])
     estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places

@@ -313,7 +313,9 @@ def _estimate_remarks(
         if unknown:
             remarks.append(
                 note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: {why}"
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked, of "
+                    "one output or more: pgmp simulate with their --set says why, sample by sample; "
+                    f"{comparing(scene)}"
                 )
             )
     return tuple(remarks)

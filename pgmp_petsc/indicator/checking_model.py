@@ -61,11 +61,6 @@ class CheckingModel:
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
         self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
 
-    @property
-    def driven(self) -> tuple[int, ...]:
-        """Numbers of the prescribed coordinates."""
-        return tuple(self._motions)
-
     def unknowns_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the unknowns, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
         return self._reconstruction.unknowns(eta)
@@ -75,10 +70,9 @@ class CheckingModel:
         start = self.full.start_of_samples(values, n)
         return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
-    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float, finer: int = 1) -> FullBatch:
-        """Return a batch under what acts at the instants of a schedule of a run with a step (s), as one that has
-        `finer` steps in each of these has felt it."""
-        instants = finer * schedule.steps, step / finer, schedule.interval
+    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
+        """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""
+        instants = schedule.steps, step, schedule.interval
         effects = sampled_effects(self._effects, *instants)
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
         return batch.under(effects, motions)

@@ -25,7 +25,7 @@ SMALLER_ERRORS = {
     "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
-HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
+LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
 def is_estimated(scene: Scene) -> bool:
@@ -62,12 +62,12 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
 
 
 def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remark, ...]:
-    """Return a warning of outputs that are hardly known, by their estimated errors."""
+    """Return a warning of outputs whose estimated errors are large."""
     shares = {name: errors.share(name) for name in errors.outputs}
     found = [
         f"{name} {share_text(share)}" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
         for name, share in shares.items()
-        if share > HARDLY_KNOWN
+        if share > LARGE
     ]
     if not found:
         return ()
@@ -126,6 +126,17 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
             )
         )
     return remarks
+
+
+def not_estimated(errors: EstimatedErrors, scene: Scene) -> list[Remark]:
+    """Return which outputs have no estimate although the scene's errors can be estimated, and why."""
+    return [
+        note(
+            f"errors were not estimated for {', '.join(name for name, why in errors.absent.items() if why == reason)}: "
+            f"{reason}; {comparing(scene)}"
+        )
+        for reason in dict.fromkeys(errors.absent.values())
+    ]
 
 
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:

@@ -1,14 +1,13 @@
 """Estimated errors of reduced runs, from the residual of their motion in the full-order equations.
 
-The estimate has three parts, each of which follows a kind of error through the run:
+- The error of the time step is that between the run and one of the same reduced model with smaller steps (`FINER` of
+  them in one): it goes through stops, friction and all that is nonlinear as the run itself does.
+- `residual_error`: all that the full-order equations say against that run. This is what the reduction leaves out
+  (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
 
-- `step_error`: vibrations that the time step changes, mode by mode; the angle that an exact step would have reached,
-- `sampled_load`: what loads do between two steps,
-- `residual_error`: all that the full-order equations say against the motion so corrected. This is what the reduction
-  leaves out (modes, terms, parameters, interpolation), and what the change of the angle sets off.
-
-Nothing is linearised about the reduced motion but the vibrations, so that ``q_reduced - error`` is an estimate of the
-full-order motion itself, and outputs are evaluated there.
+Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
+and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
+(`schedule`); where none do, the output has no estimate.
 """
 
 from __future__ import annotations
@@ -26,23 +25,29 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.indicator.checking_model import CheckingModel
-from pgmp_petsc.indicator.edge_crossings import EdgeCrossings
-from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
-from pgmp_petsc.indicator.schedule import Schedule, agree, kept_steps, most_evaluations, schedules
-from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns, find_turns
+from pgmp_petsc.indicator.schedule import (
+    AGREED,
+    FINER,
+    UNSURE,
+    Schedule,
+    differences,
+    kept_steps,
+    most_evaluations,
+    places_of,
+    schedules,
+)
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
-# rad that a sample may turn with the same modes. Vibrations from two instants add up or cancel, by their phase: over
-# 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
-HOLD = 0.03
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
-FINER = 4  # steps of the run that is followed in one of the run itself
-LOOK = 10  # steps after which it is looked at whether a sample has turned
+
+
+UNSOLVED = "the full-order equations could not be solved about this motion"
+STOPPED = f"the reduced run with 1/{FINER} of the step, which the estimate is made from, stopped"
 
 
 @dataclass(frozen=True)
@@ -57,17 +62,14 @@ class Estimate:
         Error of every output at the end, reduced less full-order, shape (n,).
     histories
         Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
-    stopped
-        Which samples have none because their runs with smaller steps stopped, shape (n,).
-    unsure
-        Which have none of an output because two sets of instants disagree, shape (n,).
+    absent
+        Of every output why each sample has none, n of them; empty where it has one, and where the sample failed.
     """
 
     largest: dict[str, np.ndarray]
     at_end: dict[str, np.ndarray]
     histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
-    stopped: np.ndarray
-    unsure: dict[str, np.ndarray]
+    absent: dict[str, tuple[str, ...]]
 
 
 class ErrorIndicator:
@@ -84,8 +86,6 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
-        terms, scheme = model.terms, model.scene.reduction.interpolation
-        self.modes = FlexibleModes(terms.tables, scheme, terms.damping, self.checking.driven)
         self._most = most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
@@ -94,7 +94,8 @@ class ErrorIndicator:
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / FINER})
-        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
+        edges = bool(self.model.actions.edges)
+        self.schedules = schedules(self.n_steps, simulation.duration, self._most, edges)
         self.kept = kept_steps([schedule.steps for schedule in self.schedules])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
@@ -119,62 +120,30 @@ class ErrorIndicator:
 
 
 class _FinerRun:
-    """The observer of a run with smaller steps: what its steps still do to it, at the instants that are evaluated."""
+    """The observer of a run with smaller steps, which keeps some of its states.
+
+    Parameters
+    ----------
+    kept
+        Numbers of the steps that are kept.
+    shape
+        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    """
 
     every = 1
 
-    def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], n: int) -> None:
-        self._indicator, self._values = indicator, values
-        self._weights = indicator.modes.weights(values, n)
-        kept = FINER * indicator.kept
-        self._place = np.full(FINER * indicator.n_steps + 1, -1)
-        self._place[kept] = np.arange(kept.size)
-        r = self._r = indicator.model.kinematics.n_coordinates
-        self.states = np.empty((kept.size, 3, n, r + indicator.model.terms.tables.n_modes))
+    def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
+        self._place = places_of(kept)
+        self.states = np.empty((kept.size, *shape))
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        if number == 0:
-            self._begin(np.array([state.q, state.v, state.a]))
-        else:
-            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
-        # a sample that fails may overflow here before it is given up
-        with np.errstate(all="ignore"):
-            shares = self._crossings.over(times, motion)
-            exact, missing = self._step_error.advance(motion, shares, self._turns(numbers, motion))
-            self._keep(numbers, motion, exact, missing)
-
-    def _begin(self, start: np.ndarray) -> None:
-        q, v, _ = start
-        step, r = self._indicator.step / FINER, self._r
-        self._middles = q[:, :r] + 0.5 * np.copysign(HOLD, v[:, :r])
-        modes = self._indicator.modes.at(self._middles, self._weights)
-        self.slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / step)
-        self._step_error = StepError(step, start.copy(), modes, self._indicator.checking.driven)
-        self._crossings = EdgeCrossings(self._indicator.model, self._values, start)
-        self.states[0] = start
-
-    def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
-        """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
-        looks = np.flatnonzero(numbers % LOOK == 0)
-        n_samples = motion.shape[2]
-        most = looks.size * n_samples
-        places, who, middles = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty((most, self._r))
-        n = find_turns(motion, looks, HOLD, self._middles, places, who, middles)
-        if not n:
-            return None
-        weights = tuple(part[who[:n]] for part in self._weights)
-        return Turns(places[:n], who[:n], self._indicator.modes.at(middles[:n], weights))
-
-    def _keep(self, numbers: np.ndarray, motion: np.ndarray, exact: np.ndarray, missing: np.ndarray) -> None:
-        """Keep what may be evaluated of some steps, given by their numbers."""
-        kept = np.flatnonzero(self._place[numbers] >= 0)
-        places = self._place[numbers[kept]]
-        self.states[places, :2], self.states[places, 2] = exact[kept], motion[kept, 2]
-        self.states[places] += missing[kept]
+        places = self._place[numbers]
+        self.states[places[places >= 0]] = motion[places >= 0]
 
 
 class WatchedRun:
@@ -186,11 +155,11 @@ class WatchedRun:
         self._indicator = indicator
         self._values = values
         self._samples = samples
-        self._place = np.full(indicator.n_steps + 1, -1)
-        self._place[indicator.kept] = np.arange(indicator.kept.size)
+        told = indicator.kept[indicator.kept % FINER == 0] // FINER
+        self._place = places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
-        self._plain = np.empty((indicator.kept.size, samples.size, n_eta))
-        self._batch: FullBatch | None = None
+        self._plain = np.empty((told.size, samples.size, n_eta))
+        self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
@@ -215,90 +184,111 @@ class WatchedRun:
         """
         indicator, n = self._indicator, self._samples.size
         fine = status[self._samples] == Status.FINE
-        states, slowest, followed = self._followed(fine)
+        states, followed = self._followed(fine)
         about = followed & self._placeable(states)
         equilibria = indicator.checking.equilibria(self._values, about)
         if equilibria is not None:
             about &= np.isfinite(equilibria).all(axis=0)
         # what cannot be placed stands still at the start, and is never advanced
         states[:, :, ~about] = states[:1, :, ~about]
-        found = [self._evaluate(schedule, states, slowest, about, equilibria) for schedule in indicator.schedules]
-        sizes = [{name: np.max(np.abs(error), axis=0) for name, error in errors.items()} for errors in found]
-        unsure = {name: np.zeros(n, dtype=bool) for name in sizes[0]}
-        if len(sizes) > 1:
-            known = {name: np.isfinite(sizes[-1][name]) for name in unsure}
-            unsure = {name: known[name] & ~same for name, same in agree(*sizes).items()}
-        errors = {name: np.where(unsure[name], np.nan, error) for name, error in found[-1].items()}
-        time = indicator.schedules[-1].steps * indicator.step
-        return Estimate(
-            {name: np.where(unsure[name], np.nan, size) for name, size in sizes[-1].items()},
-            {name: error[-1] for name, error in errors.items()},
-            tuple((time, {name: error[:, k] for name, error in errors.items()}) for k in range(n)),
-            fine & ~followed,
-            unsure,
-        )
+        names = indicator.model.outputs.functions
+        largest, at_end, apart = ({name: np.full(n, np.nan) for name in names} for _ in range(3))
+        histories: list = [None] * n
+        settled = np.zeros(n, dtype=bool)
+        for number, schedule in enumerate(indicator.schedules):
+            chosen = np.flatnonzero(~settled)
+            if not chosen.size:
+                break
+            begin = None if equilibria is None else equilibria[:, chosen]
+            errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
+            now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
+            between = differences({name: values[chosen] for name, values in largest.items()}, now)
+            alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
+            settled[chosen] = alike | ~about[chosen]
+            time = schedule.steps[schedule.told] * (indicator.step / FINER)
+            for name, error in errors.items():
+                largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
+            for column, sample in enumerate(chosen):
+                histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
+        absent = {}
+        for name in names:
+            reasons = np.full(n, "", dtype=object)
+            reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
+            reasons[fine & ~followed] = STOPPED
+            unsure = np.isfinite(largest[name]) & ~(apart[name] <= UNSURE)
+            for sample in np.flatnonzero(unsure):
+                reasons[sample] = _disagree(apart[name][sample])
+                histories[sample][1][name][:] = np.nan
+            largest[name][unsure] = at_end[name][unsure] = np.nan
+            absent[name] = tuple(reasons)
+        return Estimate(largest, at_end, tuple(histories), absent)
 
-    def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Run the samples that are fine with smaller steps.
 
         Returns
         -------
         states : ndarray, shape (n_kept, 3, n, n_eta)
-            Coordinates, velocities and accelerations without what those steps still do.
-        slowest : ndarray, shape (n,)
-            Time in which the slowest vibration turns by a radian, s.
+            Coordinates, velocities and accelerations.
         followed : ndarray, shape (n,)
             Which samples came to the end.
         """
-        indicator, n = self._indicator, self._samples.size
-        finer = _FinerRun(indicator, self._values, n)
-        system = indicator.model.batch(self._values, n)
+        indicator = self._indicator
+        finer = _FinerRun(indicator.kept, (3, *self._plain.shape[1:]))
+        system = indicator.model.batch(self._values, self._samples.size)
         run = integrate(system, indicator.finer, alive=fine, observer=finer, prefix=ERROR_PREFIX)
-        return finer.states, finer.slowest, fine & (run.status == Status.FINE)
+        return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
         self,
         schedule: Schedule,
+        chosen: np.ndarray,
         states: np.ndarray,
-        slowest: np.ndarray,
         about: np.ndarray,
-        equilibria: np.ndarray | None,
+        begin: np.ndarray | None,
     ) -> dict[str, np.ndarray]:
-        """Return errors (n_e, n) at the instants of a schedule; `equilibria` as of `ErrorSystem`."""
+        """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
+
+        Parameters
+        ----------
+        schedule, chosen
+            Instants, and numbers of the samples.
+        states
+            Of all samples, as of `_followed`.
+        about
+            Which of the chosen ones are advanced at all.
+        begin
+            As of `ErrorSystem`.
+        """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
-        checking, states = indicator.checking, states[schedule.places]
-        full = checking.scheduled(self._full, schedule, indicator.step, FINER)
-        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, slowest, checking.rotations)
-        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, equilibria)
-        observed = _Observed(checking.full, full, self._values, motion)
-        simulation = indicator.simulation.model_copy(
-            update={
-                "step": schedule.interval,
-                "duration": (len(states) - 1) * schedule.interval,
-                "spectral_radius": 0.0,
-            }
-        )
+        checking, states = indicator.checking, states[schedule.places][:, :, chosen]
+        values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
+        motion = ReferenceMotion(checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations)
+        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
+        observed = _Observed(checking.full, full, values, motion, schedule.told)
+        steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
+        simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
-        errors = self._errors(self._plain[schedule.places], observed.outputs(), about)
+        # samples that failed stand still at the start: they may be where nothing can be placed
+        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, chosen]
+        errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
 
-    @property
-    def _full(self) -> FullBatch:
-        """The full-order equations of the samples."""
-        if self._batch is None:
-            self._batch = self._indicator.checking.batch(self._values, self._samples.size)
-        return self._batch
+    def _batch_of(self, chosen: np.ndarray, values: Mapping[str, np.ndarray]) -> FullBatch:
+        """Return the equations of some samples; those of the last call where they are the same."""
+        if self._batch is None or not np.array_equal(self._batch[0], chosen):
+            self._batch = chosen, self._indicator.checking.batch(values, chosen.size)
+        return self._batch[1]
 
     def _errors(
-        self, plain: np.ndarray, there: Mapping[str, np.ndarray], known: np.ndarray
+        self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta)."""
         model, shape = self._indicator.told, plain.shape[:2]
-        # samples that failed stand still at the start: they may be where nothing can be placed
-        plain = np.where(known[:, None], plain, plain[:1])
-        every_time = {name: np.tile(value, shape[0]) for name, value in self._values.items()}
+        every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
@@ -311,13 +301,24 @@ class WatchedRun:
         return finite & reached.all(axis=(0, 2))
 
 
+def _disagree(factor: float) -> str:
+    """Return that estimates disagree by a factor, NaN where the other is not known."""
+    by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
+    return f"two estimates, with long and with short steps, disagree {by}; a smaller simulation.step is needed"
+
+
 class _Observed:
-    """Outputs of n corrected motions, evaluated for many instants together; observes their errors."""
+    """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray], motion: ReferenceMotion
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Mapping[str, np.ndarray],
+        motion: ReferenceMotion,
+        told: np.ndarray,
     ) -> None:
-        self._model, self._batch, self._values, self._motion = model, batch, values, motion
+        self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
@@ -330,9 +331,10 @@ class _Observed:
         self._take(int(numbers[0]), errors.q, errors.turns)
 
     def _take(self, number: int, errors: np.ndarray, turns: np.ndarray) -> None:
-        motion = self._motion.over(number, len(errors))[0]
+        told = self._told[number : number + len(errors)]
+        motion = self._motion.over(number, len(errors))[0][told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((motion, errors, turns.copy()))
+        self._waiting.append((motion, errors[told], turns[told]))
         if sum(part.size for part, _, _ in self._waiting) > TOGETHER:
             self._evaluate()
 
@@ -349,6 +351,6 @@ class _Observed:
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""
-        if self._waiting:
+        if any(len(part) for part, _, _ in self._waiting):
             self._evaluate()
         return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}

@@ -81,7 +81,8 @@ class WatchedSamples:
             {name: np.concatenate([getattr(one, part)[name] for one in found]) for name in self._outputs}
             for part in ("largest", "at_end")
         )
-        return Estimate(largest, at_end, tuple(history for one in found for history in one.histories))
+        absent = {name: tuple(one.absent[name][0] for one in found) for name in self._outputs}
+        return Estimate(largest, at_end, tuple(history for one in found for history in one.histories), absent)
 
     @property
     def _known(self) -> list[WatchedRun]:
@@ -91,4 +92,5 @@ class WatchedSamples:
 def _nothing(outputs: list[str]) -> Estimate:
     """Return that nothing is known of a sample."""
     unknown = {name: np.full(1, np.nan) for name in outputs}
-    return Estimate(unknown, dict(unknown), ((np.zeros(0), {name: np.zeros(0) for name in outputs}),))
+    histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
+    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, ("",)))

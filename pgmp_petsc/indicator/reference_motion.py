@@ -20,9 +20,10 @@ from pgmp_petsc.runtime.compiled import njit
 
 Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to unknowns (n_dofs, k)
 
-# rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the acceleration, and
-# by the closure of the mechanism, 1e-12, over TURN^2
-TURN = 1e-2
+# rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the sixth derivative,
+# which in a four-bar is 1e5 times the second where it turns round, and by the closure of the mechanism, 1e-12, over
+# TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large as it is
+TURN = 3e-3
 BEND = 0.1  # rad that frames turn in their bodies from point to point, at most; wrong by BEND^4 / 90 likewise
 # weights of the points on both sides for first and second derivatives, and of the point itself
 AT, FIRST = (-2, -1, 1, 2), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
@@ -58,8 +59,7 @@ class ReferenceMotion:
     n_theta
         Number of rigid coordinates.
     longest
-        Largest step of the differences of every sample, shape (n_samples,), s: the bodies' own vibrations set it where
-        the mechanism does not turn.
+        Largest step of the differences, s: for what does not move at all.
     rotations
         Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
     """
@@ -70,7 +70,7 @@ class ReferenceMotion:
         n_dofs: int,
         states: np.ndarray,
         n_theta: int,
-        longest: np.ndarray,
+        longest: float,
         rotations: np.ndarray,
     ) -> None:
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states

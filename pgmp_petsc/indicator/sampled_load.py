@@ -2,7 +2,7 @@
 
 Between two steps a load may bend or jump. Whatever the integrator makes of it, over a stretch of time the run feels
 another impulse than the load has: the difference between the exact integral of the amplitude and the integral of what
-is known at the steps (`quadrature`). Spread over the stretch, it is added to the amplitude at the instants at which the
+is known at the steps, by the trapezoidal rule, which is what the scheme makes of it but for its first steps. Spread over the stretch, it is added to the amplitude at the instants at which the
 error of the run is evaluated.
 """
 
@@ -18,7 +18,6 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Action, Effect, Motion
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.motion import Instant
-from pgmp_petsc.indicator.quadrature import integrals
 
 N_PARTS = 16  # of a step, between which an amplitude is taken for linear
 Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
@@ -43,7 +42,7 @@ class SampledAmplitude:
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)
         amplitudes = amplitude(times)
-        missed = np.cumsum(_impulses(amplitude, times)) - integrals(amplitudes, step)
+        missed = np.cumsum(_impulses(amplitude, times)) - _trapezoids(amplitudes, step)
         middles = (steps[1:-1] + steps[2:]) / 2.0
         # nothing is evaluated before the first interval ends: it stands for the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
@@ -118,6 +117,11 @@ def _changes(effect: Effect, times: np.ndarray) -> bool:
         return True
     # others have the constant one of all effects
     return effect.strength is not Effect.strength and bool(np.ptp(effect.amplitude(times)))
+
+
+def _trapezoids(amplitudes: np.ndarray, step: float) -> np.ndarray:
+    """Return the integrals from the first instant to each of what is known at the steps, shape (n_t,)."""
+    return np.concatenate([[0.0], 0.5 * step * np.cumsum(amplitudes[1:] + amplitudes[:-1])])
 
 
 def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:

@@ -1,15 +1,18 @@
-"""At which steps of a run its error is evaluated: at all of them, as far as that is not dear.
+"""At which steps of a run its error is evaluated, until two sets of instants agree.
 
 Errors of what the reduction leaves out are driven for a long time where they meet a vibration of the bodies or of the
 mechanism, and set off at once where a stop is entered or friction turns round. Instants that are further apart than the
-run's own steps damp the one and miss the other.
+run's own steps damp the one and miss the other. So every step is evaluated, and every second one to compare with; where
+these disagree, every second step and every step of the run with smaller steps that is followed (`FINER` in one). Where
+a stop may be entered, whose impulse is known to about one interval of the contact, it begins with every step.
 
-A run of many steps, or a dear one, is evaluated at even strides. What is faster than these cannot be foreseen: seen at
-the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
-drives the mechanism for a long time (aliasing). So there are two sets of instants then, with strides s and s + 1, which
-have no common factor: a frequency that the one takes for constant is not constant for the other. An estimate holds
-where both agree. Every interval is a whole number of steps, the same throughout; one that is not would move the motion
-by up to half a step in time from one evaluation to the next.
+A run of many steps, or a dear one, is evaluated at longer strides. What is faster than these cannot be foreseen: seen
+at the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
+drives the mechanism for a long time (aliasing). The strides s and 2 s - 1 have no common factor: a frequency that the
+one takes for constant is not constant for the other. Every interval is a whole number of steps, the same throughout;
+one that is not would move the motion by up to half a step in time from one evaluation to the next.
+
+Each sample goes by its own motion, so that none has a part in another's estimate.
 """
 
 from __future__ import annotations
@@ -24,9 +27,11 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.17
 DEAR = 4e6  # us that the evaluations of a sample may take
-MOST = 4000  # evaluations
-LEAST = 100
-AGREED = 3.0  # ratio of the estimates of two sets of instants beyond which neither is known
+FINER = 4  # steps of the run that is followed in one of the run itself
+MOST, LEAST = 8000, 100  # evaluations
+DAMPED = 0.5  # spectral radius of the steps of the error: less than of runs, as these instants are all that is seen
+AGREED = 1.25  # ratio of two estimates, of which the second is then kept
+UNSURE = 2.5  # beyond which the last two do not tell the error, as their own errors are of second order in the interval
 
 
 @dataclass(frozen=True)
@@ -36,28 +41,40 @@ class Schedule:
     Attributes
     ----------
     steps
-        Numbers of the steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the same number
-        of steps, but the first may have less: what is evaluated at its end then stands for a whole interval.
+        Numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the
+        same number of steps, but the first may have less: what is evaluated at its end then stands for a whole
+        interval.
     places
         Where these stand among the steps that are kept while a run goes on, shape (n_e,).
+    told
+        Which of these are ends of the run's own steps, shape (n_e,).
     interval
         Time between two evaluations, s.
+    spectral_radius
+        Of the integration over these: 0, without a memory of what is faster, where they are longer than the run's steps.
     """
 
     steps: np.ndarray
     places: np.ndarray
+    told: np.ndarray
     interval: float
+    spectral_radius: float
 
 
-def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
-    """Return the schedules of a run: one with every step, or two with no more than `most` each, the finer one last."""
-    stride = -(-n_steps // min(max(most, LEAST), MOST))
-    strides = [stride + 1, stride] if stride > 1 else [1]
-    steps = [_every(each, n_steps) for each in strides]
-    kept = kept_steps(steps)
+def schedules(n_steps: int, duration: float, most: int = MOST, with_edges: bool = False) -> list[Schedule]:
+    """Return the schedules of a run from the coarsest, which is there to be compared with, to the densest with no more
+    than `most` evaluations; with edges of laws, such as stops, from every step on."""
+    most = min(max(most, LEAST), MOST)
+    stride = -(-n_steps // most)
+    strides = [FINER * max(2, 2 * stride - 1), FINER * stride]
+    while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
+        strides.append(strides[-1] // 2)
+    strides = strides[1:] if with_edges and len(strides) > 2 else strides
+    steps = [_every(each, FINER * n_steps) for each in strides]
+    kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
     return [
-        Schedule(chosen, np.searchsorted(kept, chosen), each * (duration / n_steps))
-        for chosen, each in zip(steps, strides)
+        Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
+        for some, each in zip(steps, strides)
     ]
 
 
@@ -66,14 +83,23 @@ def kept_steps(steps: list[np.ndarray]) -> np.ndarray:
     return np.unique(np.concatenate(steps))
 
 
+def places_of(kept: np.ndarray) -> np.ndarray:
+    """Return where each step is among those that are kept, -1 where it is not, by the numbers of steps."""
+    places = np.full(kept[-1] + 1, -1)
+    places[kept] = np.arange(kept.size)
+    return places
+
+
 def _every(stride: int, n_steps: int) -> np.ndarray:
     """Return 0 and the numbers of steps at every stride back from the end."""
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def agree(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return for which samples each of two estimates (n,) differ by at most a factor `AGREED`; NaN does not agree."""
-    return {name: (one[name] <= AGREED * other[name]) & (other[name] <= AGREED * one[name]) for name in one}
+def differences(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known."""
+    with np.errstate(all="ignore"):
+        ratios = {name: np.where(one[name] == other[name], 1.0, one[name] / other[name]) for name in one}
+    return {name: np.maximum(ratio, 1.0 / ratio) for name, ratio in ratios.items()}
 
 
 def price_of_evaluation(mechanism: Mechanism) -> float:

@@ -207,17 +207,12 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
     model, angles
         The model, or one whose terms, effects and actions are as of `ReducedModel`; and the angles of its coordinates.
     """
-    system = unsettled(model, values, n_samples)
+    positions, of_run = model.start
+    start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T
+    system = ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions)
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
         theta = np.tile(model.start[0], (n_samples, 1))
         system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
     return system
-
-
-def unsettled(model: ReducedModel, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
-    """Return samples of a model as of `begun`, undeformed at the start."""
-    positions, of_run = model.start
-    start = positions, velocities_of(model.scene, model.kinematics.mechanism, of_run, values, n_samples).T
-    return ReducedSystem(model.terms, model.effects, values, start, n_samples, model.motions, model.actions)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,6 +56,8 @@ class ModelError:
         As `shares`, at the end of the run alone.
     doubt
         So many times as large are no more than 5 % of errors.
+    absent
+        Why outputs have no estimate, those that have none.
     """
 
     shares: dict[str, float]
@@ -64,6 +66,7 @@ class ModelError:
     with_step: ModelError | None = None
     at_end: dict[str, float] = field(default_factory=dict)
     doubt: float = 1.0
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def worst(self) -> str | None:
@@ -108,14 +111,14 @@ def _estimated(sources: Sequence[Source]) -> ModelError | None:
         errors = source.result.errors if isinstance(source.result, Trajectory) else None
         if errors is not None and errors.what != OF_STEP:
             shares = {name: errors.share(name) for name in errors.outputs}
-            how = "estimated from residuals of the full-order equations, over the run; the time step's own is in it"
+            how = "estimated from a run with smaller steps and residuals of the full-order equations, over the run"
             datums = {
                 name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
                 for name, share in shares.items()
             }
             ends = {name: abs(float(values[-1])) / errors.largest[name] if errors.largest[name] > 0.0 else float("nan")
                     for name, values in errors.outputs.items()}  # fmt: skip
-            return ModelError(shares, how, datums, at_end=ends, doubt=DOUBT)
+            return ModelError(shares, how, datums, at_end=ends, doubt=DOUBT, absent=errors.absent)
     return None
 
 
@@ -140,7 +143,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
     if error is not None and error.worst is not None:
         for what, one in (("model", error), ("model and time step", error.with_step)):
             for name, share in () if one is None else sorted(one.shares.items(), key=_largest_first):
-                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], one.how)
+                how = f"not estimated: {one.absent[name]}" if name in one.absent else one.how
+                yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
         how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")

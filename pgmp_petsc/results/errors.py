@@ -11,7 +11,7 @@ dataset                       shape      content
                                          component runs what the time step does wrong, up to the last of these
                                          instants; attributes
                                          ``maximum``, its largest size, and ``share``, that of the output's
-                                         largest size over the run
+                                         largest size over the run; ``not_estimated``, why there is none
 ============================= ========== ======================================================================
 
 NaN where there is no estimate.
@@ -19,7 +19,7 @@ NaN where there is no estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import h5py
 import numpy as np
@@ -27,7 +27,7 @@ import numpy as np
 from pgmp_petsc.results.layout import check_shape
 from pgmp_petsc.runtime.files import put, take
 
-TIME = "time"
+TIME, ABSENT = "time", "not_estimated"
 OF_REDUCED, OF_STEP = "reduced less full-order", "of the time step"
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
@@ -81,12 +81,15 @@ class EstimatedErrors:
         Largest size of every output over the run, of which errors are a share.
     what : str
         What these errors are of (attribute ``what`` of the group): `OF_REDUCED` or `OF_STEP`.
+    absent : dict of str to str
+        Why outputs have no estimate, those that have none.
     """
 
     time: np.ndarray
     outputs: dict[str, np.ndarray]
     largest: dict[str, float]
     what: str = OF_REDUCED
+    absent: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_shape("time of the errors", self.time, (None,))
@@ -109,9 +112,10 @@ class EstimatedErrors:
         put(group, TIME, self.time, "s", "instants at which the errors are estimated")
         for name, values in self.outputs.items():
             words = f"estimated error of output '{name}', {self.what}"
-            put(group, name, values, units.get(name, "1"), words).attrs.update(
-                maximum=self.maximum(name), share=self.share(name), largest=self.largest[name]
-            )
+            found = {"maximum": self.maximum(name), "share": self.share(name), "largest": self.largest[name]}
+            if name in self.absent:
+                found[ABSENT] = self.absent[name]
+            put(group, name, values, units.get(name, "1"), words).attrs.update(found)
 
     @classmethod
     def read(cls, file: h5py.File) -> EstimatedErrors | None:
@@ -125,4 +129,5 @@ class EstimatedErrors:
             outputs={name: take(group, name, 1) for name in names},
             largest={name: float(group[name].attrs["largest"]) for name in names},
             what=str(group.attrs.get("what", OF_REDUCED)),  # files of earlier versions have those of reduced runs
+            absent={name: str(group[name].attrs[ABSENT]) for name in names if ABSENT in group[name].attrs},
         )

@@ -124,7 +124,11 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "outputs": outputs,
         "errors": None
         if errors is None
-        else {name: {"maximum": errors.maximum(name), "share": errors.share(name)} for name in errors.outputs},
+        else {
+            name: {"maximum": errors.maximum(name), "share": errors.share(name)}
+            | ({"not_estimated": errors.absent[name]} if name in errors.absent else {})
+            for name in errors.outputs
+        },
         "errors_of": None if errors is None else errors.what,
         "errors_until": None if errors is None else errors.time[-1],
         "validity": run.validity,

@@ -21,6 +21,7 @@ from pgmp_petsc.indicator.coverage import (
     is_estimated,
     large_errors,
     left_out_of_estimates,
+    not_estimated,
     step_remarks,
     truncated_stresses,
     why_not_of_full_order,
@@ -28,7 +29,6 @@ from pgmp_petsc.indicator.coverage import (
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.starting_jump import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
-from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
@@ -312,7 +312,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(errors), *_not_estimated(estimate, model.scene)]
+        remarks += [*steps, *large_errors(errors), *not_estimated(errors, model.scene)]
         remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
@@ -339,20 +339,6 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
 def _progress(name: str, attempt: Attempt, comm: MPI.Comm) -> Progress:
     again = "" if attempt.divisor == 1 else " again with smaller steps"
     return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
-
-
-def _not_estimated(estimate: Estimate, scene: Scene) -> list[Remark]:
-    """Return which outputs have no estimate although the scene's errors can be estimated."""
-    unknown = [name for name, largest in estimate.largest.items() if not np.isfinite(largest[0])]
-    if not unknown:
-        return []
-    names = ", ".join(unknown)
-    return [
-        note(
-            f"errors were not estimated for {names}: the full-order equations could not be solved about this motion; "
-            f"{comparing(scene)}"
-        )
-    ]
 
 
 def frame_steps(simulation) -> set[int]:
@@ -398,4 +384,5 @@ def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErro
         time=time,
         outputs=errors,
         largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
+        absent={name: why for name, (why,) in estimate.absent.items() if why},
     )

@@ -1,10 +1,14 @@
 """Estimated errors in words: shares of an output's largest value, and outputs that are smaller than their errors."""
 
+from pathlib import Path
+
+import h5py
 import numpy as np
 import pytest
+from scenes import slider_crank
 
 from pgmp_petsc.cli.estimates import of_trajectory
-from pgmp_petsc.indicator.coverage import large_errors
+from pgmp_petsc.indicator.coverage import large_errors, not_estimated
 from pgmp_petsc.results import EstimatedErrors
 
 
@@ -12,6 +16,8 @@ from pgmp_petsc.results import EstimatedErrors
     "largest, line, warned",
     [
         (0.5, "0.001 m (0.2 % of its largest value)", ""),
+        (0.0201, "1 mm (5 % of its largest value)", ""),
+        (0.0199, "1 mm (5 % of its largest value)", "tip 5 %"),
         (0.00125, "1 mm (80 % of its largest value)", "tip 80 %"),
         (4e-17, "1 mm (its largest value is 4e-14 mm)", "tip more than all of it (4e-17)"),
         (0.0, "1 mm", ""),
@@ -23,3 +29,17 @@ def test_a_share_is_told_where_it_says_something(largest: float, line: str, warn
     remarks = large_errors(errors)
     assert bool(remarks) == bool(warned)
     assert all(warned in remark.text for remark in remarks)
+
+
+def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
+    """In the terminal, among the remarks and in the file."""
+    reason, time = "two estimates disagree", np.array([0.0, 1.0])
+    outputs = {"tip": np.full(2, np.nan), "angle": np.zeros(2)}
+    errors = EstimatedErrors(time, outputs, {"tip": 1.0, "angle": 1.0}, {"tip": reason})
+    line, other = of_trajectory(errors, {"tip": "m", "angle": "rad"})[1:]
+    assert line.endswith(f"not estimated: {reason}") and reason not in other
+    (remark,) = not_estimated(errors, slider_crank())
+    assert "errors were not estimated for tip: two estimates disagree; " in remark.text
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        errors.write(file, {"tip": "m", "angle": "rad"})
+        assert EstimatedErrors.read(file).absent == {"tip": reason}

@@ -31,8 +31,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene
 
 FACTOR = 3.0
-# without the impulse of a drive that sets in at once it is 0.44; with a polynomial across the beginning of a contact,
-# 0.004 of a step behind the end of one, it is below a quarter
+# what a linear propagation of the errors of steps left below a quarter, or at 0.44
 SURER = {"driven by a table": 1.5, "end stop": 1.5}
 REFINEMENT = 8  # steps of the reference in one of the reduced run
 BASIS = ("reduction.static_modes=true", 'reduction.interpolation="spline"')
