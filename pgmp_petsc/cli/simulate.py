@@ -55,7 +55,7 @@ def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> s
     for name, values in trajectory.outputs.items():
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
     if trajectory.errors is not None:
-        lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+        lines += estimates.of_trajectory(trajectory.errors, trajectory.units, trajectory.time[-1])
     if trajectory.validity:
         lines.append(estimates.of_validity(trajectory.validity))
     # why it stopped is the error that ends the command

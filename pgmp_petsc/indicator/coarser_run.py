@@ -16,19 +16,20 @@ of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and m
 differently, whatever the order. What is left of d counts a third then (`ROUGH`); that estimate is unsure, and said so.
 
 The coarser run has a fifth of the steps and no other record than the outputs. It is given up where it fails or its
-Newton corrections exceed a share of the run's (`MOST_CORRECTIONS`), and the estimate then ends there.
+Newton corrections cost more than a share of the run (`MOST`), and the estimate then ends there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, count_steps
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import Model
@@ -40,10 +41,12 @@ if TYPE_CHECKING:
     from pgmp_petsc.ensemble.watchers import Begun, Found
 
 TIMES = 5  # steps of the run in one of the coarser run
-# of the corrections of the run. What a small mechanism's run records takes as long as its corrections do
-MOST_CORRECTIONS, MOST_OF_SMALL, SMALL = 0.4, 0.6, 300  # unknowns
+MOST = 0.27  # of the price of the run, counted in corrections, so that it is the same on all machines
+ALONE = 500.0  # unknowns of which a correction costs as much as calling a system for one
+FREE = 3e5  # corrections of one unknown, some hundredths of a second, that any run may take: starting a command takes more
+RECORDED, OF_SMALL, SMALL = 0.5, 2.0, 300  # corrections that cost as much as what a step of a run records; unknowns
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
-LOOKS = 10  # steps of the coarser run between two looks at its corrections
+LOOKS = 20  # steps of the coarser run between two looks at its corrections
 PER_WINDOW, SHORTEST, LONGEST = 16, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
@@ -102,7 +105,7 @@ def run_coarser(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray,
-    n_corrections: float = np.inf,
+    of: Run | None = None,
     bar: Progress | None = None,
 ) -> CoarserRun:
     """Run a system again, with a coarser step. Collective on ``system.comm``.
@@ -113,8 +116,8 @@ def run_coarser(
         That of the run.
     alive
         Samples to run, shape (n_samples,).
-    n_corrections
-        Newton corrections of the run; no limit where they are not known.
+    of
+        The run, which says what it took; no limit where it is not given.
     bar
         Shows its steps.
     """
@@ -124,9 +127,13 @@ def run_coarser(
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None
     )
-    share = MOST_OF_SMALL if model.kinematics.mechanism.n_dofs <= SMALL else MOST_CORRECTIONS
-    while stepper.n_done < n_steps and stepper.n_iterations <= share * n_corrections:
-        if not np.any(stepper.status == Status.FINE):
+    n_unknowns, most = model.kinematics.mechanism.n_dofs, np.inf
+    if of is not None:
+        recorded = OF_SMALL if n_unknowns <= SMALL else RECORDED
+        price = of.n_iterations + ALONE / n_unknowns * of.n_alone + recorded * of.n_steps
+        most = max(MOST * price, FREE / n_unknowns)
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE):
+        if stepper.n_iterations + ALONE / n_unknowns * stepper.n_alone > most:
             break
         stepper.advance()
     time, found = record.outputs()
@@ -253,8 +260,7 @@ class Bands:
     def of(cls, spectral_radius: float, n_steps: int) -> Bands:
         """Return the bands for a run."""
         length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
-        exact = np.concatenate([np.linspace(1e-3, 3.0, 600), np.geomspace(3.01, 200.0, 300)])
-        rates = amplification(spectral_radius, exact)
+        exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
         drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
         return cls(length, np.interp(seen, rates.imag, exact), drifts)
@@ -325,6 +331,13 @@ def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:
     values = np.linalg.eigvals(steps)
     chosen = np.take_along_axis(values, np.argmax(np.abs(values.imag), axis=1)[:, None], axis=1)[:, 0]
     return np.log(chosen.real + 1j * np.abs(chosen.imag))
+
+
+@lru_cache(maxsize=8)
+def _amplifications(spectral_radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return omega h from slow to fast vibrations, and their `amplification`."""
+    turns = np.concatenate([np.linspace(1e-3, 3.0, 300), np.geomspace(3.01, 200.0, 150)])
+    return turns, amplification(spectral_radius, turns)
 
 
 class CoarserWatcher:

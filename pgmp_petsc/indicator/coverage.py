@@ -6,7 +6,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, MOST_CORRECTIONS, TIMES, CoarserRun, StepErrors
+from pgmp_petsc.indicator.coarser_run import FEWEST, MOST, TIMES, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
@@ -89,7 +89,7 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
         The run with the coarser step, and what it tells; None where it tells nothing.
     """
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
-    why = f"took more than {MOST_CORRECTIONS:g} of the corrections of the run itself and was given up"
+    why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if errors is None:

@@ -126,7 +126,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             for name, share in () if one is None else sorted(one.shares.items(), key=_largest_first):
                 yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], one.how)
     elif "reduced" in models:
-        how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
+        here = "is here" if models == {"reduced"} else "goes far enough to compare with"
+        how = f"no run of a better model {here}, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
     elif models:
         kinds = " and ".join(MODELS[model] for model in sorted(models))

@@ -250,10 +250,10 @@ def _coarser(
     """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
     if part.run.status[0] != Status.FINE or not is_estimated(model.scene):
         return None
-    simulation, n_corrections = part.attempt.simulation, part.run.n_iterations
+    simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
     with timings.phase("errors"), progress(count_steps(*_span(coarser(simulation))), title, comm) as bar:
-        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), n_corrections, bar)
+        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar)
 
 
 def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None, list[Remark]]:
