@@ -268,7 +268,8 @@ def _estimate_remarks(
         if unknown:
             remarks.append(
                 note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: {why}"
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: "
+                    f"{why}"
                 )
             )
     return tuple(remarks)

@@ -9,8 +9,8 @@ and Wanner 1993, section II.4).
 phases have parted, and Richardson's quotient is too small, up to ``r^2 - 1`` times. There the error follows from the
 scheme alone: its amplification of a free vibration is an eigenvalue lambda of a step for ``omega h``, exact would be
 ``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
-2000, section 9.1), up to 2 a, opposite phases. Amplitudes and frequencies as the run has them, ``arg lambda``, are those
-of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d itself.
+2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
+those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
 
 **Friction and stops** whose vibrations are lost: they turn the vibration into slow motion, which the two runs have
 differently, whatever the order. What is left of d counts a third then (`ROUGH`); that estimate is unsure, and said so.
@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -37,13 +36,10 @@ from pgmp_petsc.runtime.progress import Progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
-if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.watchers import Begun, Found
-
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.27  # of the price of the run, counted in corrections, so that it is the same on all machines
+MOST = 0.33  # of the price of the run, counted in corrections, so that it is the same on all machines
 ALONE = 500.0  # unknowns of which a correction costs as much as calling a system for one
-FREE = 3e5  # corrections of one unknown, some hundredths of a second, that any run may take: starting a command takes more
+FREE = 3e5  # corrections of one unknown, some hundredths of a second, that any run may take: starting takes more
 RECORDED, OF_SMALL, SMALL = 0.5, 2.0, 300  # corrections that cost as much as what a step of a run records; unknowns
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 LOOKS = 20  # steps of the coarser run between two looks at its corrections
@@ -338,44 +334,3 @@ def _amplifications(spectral_radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return omega h from slow to fast vibrations, and their `amplification`."""
     turns = np.concatenate([np.linspace(1e-3, 3.0, 300), np.geomspace(3.01, 200.0, 150)])
     return turns, amplification(spectral_radius, turns)
-
-
-class CoarserWatcher:
-    """Estimates the errors of the time step of all samples of full-order and component ensembles; see
-    `ensemble.watchers`."""
-
-    def __init__(self, model: Model) -> None:
-        self._model = model
-
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        names = self._model.outputs.functions
-        return {kind: {name: np.full(n, np.nan) for name in names} for kind in ("errors", "errors_at_end")}
-
-    def watch(self, begun: Begun) -> _CoarserWatch:
-        """Begin to watch a run."""
-        return _CoarserWatch(self._model, begun)
-
-
-class _CoarserWatch:
-    """Keeps the outputs of a run, and runs its system again."""
-
-    def __init__(self, model: Model, begun: Begun) -> None:
-        self._model, self._begun = model, begun
-        self.observer = OutputRecord(model, begun.system)
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return the largest errors, and those at the end; NaN where they are not known."""
-        model, begun = self._model, self._begun
-        time, outputs = self.observer.outputs()
-        alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-        other = run_coarser(model, begun.system, begun.simulation, alive)
-        largest, at_end = ({name: np.full(begun.samples.size, np.nan) for name in outputs} for _ in range(2))
-        for place, sample in enumerate(begun.samples):
-            own = {name: values[:, sample] for name, values in outputs.items()}
-            errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
-            if errors is None or errors.time.size < other.time.size:
-                continue
-            for name, values in errors.outputs.items():
-                largest[name][place], at_end[name][place] = np.abs(values).max(), values[-1]
-        return {"errors": largest, "errors_at_end": at_end}

@@ -42,10 +42,12 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
     if not scene.simulation.error_indicator:
-        return (note(f"{what} were not estimated: simulation.error_indicator = false switches the estimate off; {cure}"),)
-    if ensemble and scene.ensemble.checked_share == 0.0:
-        return (note(f"{what} were not estimated: ensemble.checked_share = 0 switches the estimate off; {cure}"),)
-    return ()
+        switch = "simulation.error_indicator = false"
+    elif ensemble and scene.ensemble.checked_share == 0.0:
+        switch = "ensemble.checked_share = 0"
+    else:
+        return ()
+    return (note(f"{what} were not estimated: {switch} switches the estimate off; {cure}"),)
 
 
 def few_steps(n_steps: int) -> tuple[Remark, ...]:
@@ -97,31 +99,31 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
             why = f"has too few steps; {FEWEST * TIMES} or more of the run are wanted"
         return [
             warning(
-                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step (--override "
-                f"simulation.step={0.5 * model.scene.simulation.step:.3g})"
+                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step "
+                f"(--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
             )
         ]
     remarks = []
     if errors.time[-1] < time[-1] * (1.0 - 1e-9):
         remarks.append(
             warning(
-                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: {with_step} "
-                f"{why}; later ones may be larger, take a smaller simulation.step"
+                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: "
+                f"{with_step} {why}; later ones may be larger, take a smaller simulation.step"
             )
         )
     if np.isfinite(errors.lost_hz):
         remarks.append(
             warning(
-                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} Hz "
-                "over the run: its phase is lost; take a smaller simulation.step, or damp it"
+                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} "
+                "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
             )
         )
     if errors.unsure:
         remarks.append(
             warning(
-                "estimated errors of the time step are unsure, and may be several times too small or too large: friction "
-                "or stops act together with vibrations that the step does not resolve; compare with a smaller "
-                "simulation.step"
+                "estimated errors of the time step are unsure, and may be several times too small or too large: "
+                "friction or stops act where a coarser step fails, or with vibrations that it loses; compare with a "
+                "smaller simulation.step"
             )
         )
     return remarks

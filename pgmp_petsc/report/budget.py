@@ -79,7 +79,8 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
             for name in comparison.reduced.outputs:
                 found = comparison.error_percent(name) if name in comparison.full.outputs else None
                 shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
-            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, {comparison.part}"
+            models = f"{MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}"
+            how = f"measured: {models}, {comparison.part}"
             alike = comparison.same_steps
             if alike:
                 how += ", with the same time step: what it does wrong in both alike does not show"
