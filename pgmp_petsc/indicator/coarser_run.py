@@ -220,11 +220,11 @@ def step_errors(
     for name, values in outputs.items():
         there = other.outputs[name][:n, sample]
         differences[name] = there - CubicSpline(time, values)(at)
-        off, place = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
         lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
-            loudest = share, bands.turns[place] / (2.0 * np.pi * step)
+            loudest = share, turn / (2.0 * np.pi * step)
     trembles = loudest[0] > TREMBLES
     unsure = any(effect.type in EDGED for effect in scene.effects.values()) and (
         trembles or other.status[sample] != Status.FINE
@@ -266,8 +266,8 @@ class Bands:
         """Steps between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
-    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, int]:
-        """Return how far vibrations out of phase are off in every window, and the band with most of it.
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, float]:
+        """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
 
         Parameters
         ----------
@@ -277,7 +277,7 @@ class Bands:
             Of their steps.
         """
         if fine.size < 2 * self.length:
-            return np.zeros(1), 0
+            return np.zeros(1), np.nan
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
         out = apart > LOST * amplitudes
         out[:, :LOWEST] = False
@@ -287,7 +287,9 @@ class Bands:
         for k, drift in enumerate(self.hop * self.drifts * amplitudes):
             found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
             off = np.where(out[k], found[k], apart[k] / (ratio**2 - 1.0))
-        return np.sqrt((found**2).sum(axis=1)), int(np.argmax(found.max(axis=0)))
+        weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
+        mean = float(weights @ self.turns / weights.sum()) if weights.any() else np.nan
+        return np.sqrt((found**2).sum(axis=1)), mean
 
     def _amplitudes(self, values: np.ndarray) -> np.ndarray:
         """Return the amplitudes of all bands in all windows, shape (n_windows, n_bands).
