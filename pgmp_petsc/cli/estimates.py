@@ -21,10 +21,12 @@ WRITTEN = {
 NOT_ESTIMATED = "not estimated"
 
 
-def of_trajectory(errors: EstimatedErrors, units: dict[str, str]) -> list[str]:
-    """Return a line an output."""
+def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) -> list[str]:
+    """Return a line an output; the run ends at `end`, s, and what is estimated perhaps before."""
     what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
-    lines = [f"  estimated errors over the run, of {what}"]
+    partial = errors.what == OF_STEP and errors.time[-1] < end * (1.0 - 1e-9)
+    part = f"up to {errors.time[-1]:.4g} s only" if partial else "over the run"
+    lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
         known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
         lines.append(f"  {name:24s}{f'{NOT_ESTIMATED:>16s}: {errors.absent[name]}' if name in errors.absent else known}")

@@ -96,7 +96,7 @@ def _estimates(found: Contents) -> list[str]:
         return []
     trajectory = Trajectory.read(path)
     errors = trajectory.errors
-    lines = [] if errors is None else estimates.of_trajectory(errors, trajectory.units)
+    lines = [] if errors is None else estimates.of_trajectory(errors, trajectory.units, trajectory.time[-1])
     return [*lines, estimates.of_validity(trajectory.validity)] if trajectory.validity else lines
 
 

@@ -57,7 +57,7 @@ def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> s
         factor, unit = axis_unit(trajectory.units[name], values)
         lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
     if trajectory.errors is not None:
-        lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+        lines += estimates.of_trajectory(trajectory.errors, trajectory.units, trajectory.time[-1])
     if trajectory.validity:
         lines.append(estimates.of_validity(trajectory.validity))
     # why it stopped is the error that ends the command

@@ -146,6 +146,8 @@ class AlphaStep:
         Whether `advance_far` is of use: nothing is to be looked at between steps.
     n_iterations
         Newton corrections done so far, all samples together.
+    n_alone
+        Corrections that the system was called for one by one.
     """
 
     def __init__(self, system: SecondOrderSystem, spectral_radius: float) -> None:
@@ -160,7 +162,7 @@ class AlphaStep:
         self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
-        self.n_iterations = 0
+        self.n_iterations = self.n_alone = 0
 
     def scheme(self, step: float) -> Scheme:
         """Return the coefficients for a step."""
@@ -308,6 +310,7 @@ class AlphaStep:
             if self._limits:
                 last[self._system.limited()] = 0.0  # nothing follows from the size of the last correction
             self.n_iterations += int(active.sum())
+            self.n_alone += 1
             judge(iteration, size, last, expected, active, lost)
             if not active.any():
                 break
@@ -328,6 +331,7 @@ class AlphaStep:
             before = state.copy()
             size = self._system.correct(time, state, scheme, active, True)
             self.n_iterations += int(active.sum())
+            self.n_alone += 1
             lost |= active & ~np.isfinite(size)
             active &= np.isfinite(size)
             # by halves, together: rarely more than a few samples come here

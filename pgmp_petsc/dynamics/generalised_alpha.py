@@ -165,6 +165,11 @@ class GeneralisedAlpha:
         """Newton corrections done so far, all samples together."""
         return self._stepper.n_iterations
 
+    @property
+    def n_alone(self) -> int:
+        """Corrections that the system was called for one by one, so far."""
+        return self._stepper.n_alone
+
     def _show(self, number: int, state: State) -> None:
         """Show the state after a step to the observer."""
         if self._observer is not None:
@@ -319,6 +324,8 @@ class Run:
         Of every sample, shape (n_samples,).
     n_steps, n_iterations
         Steps, and Newton corrections of all samples together.
+    n_alone
+        Corrections that the system was called for one by one.
     """
 
     state: State
@@ -326,6 +333,7 @@ class Run:
     failure_time: np.ndarray
     n_steps: int
     n_iterations: int
+    n_alone: int = 0
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -397,4 +405,4 @@ def integrate(
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here().drive(stepper, system.comm, prefix)
-    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.n_iterations)
+    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.n_iterations, stepper.n_alone)

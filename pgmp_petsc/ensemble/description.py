@@ -304,7 +304,7 @@ def _estimate_remarks(
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
     if origin.model == "reduced":
         remarks += remarks_of(scene, estimates["validity"])
-        why = f"the full-order equations could not be solved about their motion; {comparing(scene)}"
+        why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):
@@ -314,8 +314,7 @@ def _estimate_remarks(
             remarks.append(
                 note(
                     f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked, of "
-                    "one output or more: pgmp simulate with their --set says why, sample by sample; "
-                    f"{comparing(scene)}"
+                    f"one output or more: {why}"
                 )
             )
     return tuple(remarks)

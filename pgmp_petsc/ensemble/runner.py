@@ -31,8 +31,15 @@ from pgmp_petsc.ensemble.range_watch import RangeWatch
 from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
-from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.coarser_run import CoarserWatcher
+from pgmp_petsc.ensemble.watchers import (
+    BalanceWatcher,
+    Begun,
+    CoarserWatcher,
+    ErrorWatcher,
+    Found,
+    ValidityWatcher,
+    Watcher,
+)
 from pgmp_petsc.indicator.member_errors import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.results.ensemble import Ensemble

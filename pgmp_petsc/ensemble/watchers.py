@@ -13,10 +13,11 @@ from pgmp_petsc.dynamics.generalised_alpha import TrailObserver
 from pgmp_petsc.dynamics.running_balance import RunningBalance
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import LengthLanes, Model, ReducedModel
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 
@@ -110,6 +111,45 @@ class _ErrorWatch:
         """Return the estimate."""
         estimate = self._run.estimate(status)
         return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
+
+
+class CoarserWatcher:
+    """Estimates the errors of the time step of all samples of a full-order or component model."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known."""
+        return {kind: nothing_known(self._model.outputs.functions, n) for kind in ("errors", "errors_at_end")}
+
+    def watch(self, begun: Begun) -> Watch:
+        """Begin to watch a run."""
+        return _CoarserWatch(self._model, begun)
+
+
+class _CoarserWatch:
+    """Keeps the outputs of a run, and runs its system again."""
+
+    def __init__(self, model: Model, begun: Begun) -> None:
+        self._model, self._begun = model, begun
+        self.observer = OutputRecord(model, begun.system)
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the largest errors, and those at the end; NaN where they are not known."""
+        model, begun = self._model, self._begun
+        time, outputs = self.observer.outputs()
+        alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
+        other = run_coarser(model, begun.system, begun.simulation, alive)
+        largest, at_end = (nothing_known(outputs, begun.samples.size) for _ in range(2))
+        for place, sample in enumerate(begun.samples):
+            own = {name: values[:, sample] for name, values in outputs.items()}
+            errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
+            if errors is None or errors.time.size < other.time.size:
+                continue
+            for name, values in errors.outputs.items():
+                largest[name][place], at_end[name][place] = np.abs(values).max(), values[-1]
+        return {"errors": largest, "errors_at_end": at_end}
 
 
 class ValidityWatcher:

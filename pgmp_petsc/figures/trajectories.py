@@ -247,7 +247,8 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     if largest:
         axes.set_title(f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
     else:
-        axes.set_title("not known: no full-order values, all are zero, or a run did no step", fontsize=8.5, color=QUIET, pad=4.0)
+        unknown = "not known: no full-order values, all are zero, or a run did no step"
+        axes.set_title(unknown, fontsize=8.5, color=QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:

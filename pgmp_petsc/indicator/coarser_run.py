@@ -9,26 +9,26 @@ and Wanner 1993, section II.4).
 phases have parted, and Richardson's quotient is too small, up to ``r^2 - 1`` times. There the error follows from the
 scheme alone: its amplification of a free vibration is an eigenvalue lambda of a step for ``omega h``, exact would be
 ``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
-2000, section 9.1), up to 2 a, opposite phases. Amplitudes and frequencies as the run has them, ``arg lambda``, are those
-of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d itself.
+2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
+those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
 
 **Friction and stops** whose vibrations are lost: they turn the vibration into slow motion, which the two runs have
 differently, whatever the order. What is left of d counts a third then (`ROUGH`); that estimate is unsure, and said so.
 
 The coarser run has a fifth of the steps and no other record than the outputs. It is given up where it fails or its
-Newton corrections exceed a share of the run's (`MOST_CORRECTIONS`), and the estimate then ends there.
+Newton corrections cost more than a share of the run (`MOST`), and the estimate then ends there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, count_steps
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import Model
@@ -36,15 +36,14 @@ from pgmp_petsc.runtime.progress import Progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
-if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.watchers import Begun, Found
-
 TIMES = 5  # steps of the run in one of the coarser run
-# of the corrections of the run. What a small mechanism's run records takes as long as its corrections do
-MOST_CORRECTIONS, MOST_OF_SMALL, SMALL = 0.4, 0.6, 300  # unknowns
+MOST = 0.33  # of the price of the run, counted in corrections, so that it is the same on all machines
+ALONE = 500.0  # unknowns of which a correction costs as much as calling a system for one
+FREE = 3e5  # corrections of one unknown, some hundredths of a second, that any run may take: starting takes more
+RECORDED, OF_SMALL, SMALL = 0.5, 2.0, 300  # corrections that cost as much as what a step of a run records; unknowns
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
-LOOKS = 10  # steps of the coarser run between two looks at its corrections
-PER_WINDOW, SHORTEST, LONGEST = 16, 16, 512  # windows of a run, and steps in one
+LOOKS = 20  # steps of the coarser run between two looks at its corrections
+PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations move what has friction or stops
@@ -102,7 +101,7 @@ def run_coarser(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray,
-    n_corrections: float = np.inf,
+    of: Run | None = None,
     bar: Progress | None = None,
 ) -> CoarserRun:
     """Run a system again, with a coarser step. Collective on ``system.comm``.
@@ -113,8 +112,8 @@ def run_coarser(
         That of the run.
     alive
         Samples to run, shape (n_samples,).
-    n_corrections
-        Newton corrections of the run; no limit where they are not known.
+    of
+        The run, which says what it took; no limit where it is not given.
     bar
         Shows its steps.
     """
@@ -124,9 +123,13 @@ def run_coarser(
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None
     )
-    share = MOST_OF_SMALL if model.kinematics.mechanism.n_dofs <= SMALL else MOST_CORRECTIONS
-    while stepper.n_done < n_steps and stepper.n_iterations <= share * n_corrections:
-        if not np.any(stepper.status == Status.FINE):
+    n_unknowns, most = model.kinematics.mechanism.n_dofs, np.inf
+    if of is not None:
+        recorded = OF_SMALL if n_unknowns <= SMALL else RECORDED
+        price = of.n_iterations + ALONE / n_unknowns * of.n_alone + recorded * of.n_steps
+        most = max(MOST * price, FREE / n_unknowns)
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE):
+        if stepper.n_iterations + ALONE / n_unknowns * stepper.n_alone > most:
             break
         stepper.advance()
     time, found = record.outputs()
@@ -217,11 +220,11 @@ def step_errors(
     for name, values in outputs.items():
         there = other.outputs[name][:n, sample]
         differences[name] = there - CubicSpline(time, values)(at)
-        off, place = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
         lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
-            loudest = share, bands.turns[place] / (2.0 * np.pi * step)
+            loudest = share, turn / (2.0 * np.pi * step)
     trembles = loudest[0] > TREMBLES
     unsure = any(effect.type in EDGED for effect in scene.effects.values()) and (
         trembles or other.status[sample] != Status.FINE
@@ -253,8 +256,7 @@ class Bands:
     def of(cls, spectral_radius: float, n_steps: int) -> Bands:
         """Return the bands for a run."""
         length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
-        exact = np.concatenate([np.linspace(1e-3, 3.0, 600), np.geomspace(3.01, 200.0, 300)])
-        rates = amplification(spectral_radius, exact)
+        exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
         drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
         return cls(length, np.interp(seen, rates.imag, exact), drifts)
@@ -264,8 +266,8 @@ class Bands:
         """Steps between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
-    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, int]:
-        """Return how far vibrations out of phase are off in every window, and the band with most of it.
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, float]:
+        """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
 
         Parameters
         ----------
@@ -275,7 +277,7 @@ class Bands:
             Of their steps.
         """
         if fine.size < 2 * self.length:
-            return np.zeros(1), 0
+            return np.zeros(1), np.nan
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
         out = apart > LOST * amplitudes
         out[:, :LOWEST] = False
@@ -285,7 +287,9 @@ class Bands:
         for k, drift in enumerate(self.hop * self.drifts * amplitudes):
             found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
             off = np.where(out[k], found[k], apart[k] / (ratio**2 - 1.0))
-        return np.sqrt((found**2).sum(axis=1)), int(np.argmax(found.max(axis=0)))
+        weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
+        mean = float(weights @ self.turns / weights.sum()) if weights.any() else np.nan
+        return np.sqrt((found**2).sum(axis=1)), mean
 
     def _amplitudes(self, values: np.ndarray) -> np.ndarray:
         """Return the amplitudes of all bands in all windows, shape (n_windows, n_bands).
@@ -327,42 +331,8 @@ def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:
     return np.log(chosen.real + 1j * np.abs(chosen.imag))
 
 
-class CoarserWatcher:
-    """Estimates the errors of the time step of all samples of full-order and component ensembles; see
-    `ensemble.watchers`."""
-
-    def __init__(self, model: Model) -> None:
-        self._model = model
-
-    def empty(self, n: int) -> Found:
-        """Return the arrays of n samples of which nothing is known."""
-        names = self._model.outputs.functions
-        return {kind: {name: np.full(n, np.nan) for name in names} for kind in ("errors", "errors_at_end")}
-
-    def watch(self, begun: Begun) -> _CoarserWatch:
-        """Begin to watch a run."""
-        return _CoarserWatch(self._model, begun)
-
-
-class _CoarserWatch:
-    """Keeps the outputs of a run, and runs its system again."""
-
-    def __init__(self, model: Model, begun: Begun) -> None:
-        self._model, self._begun = model, begun
-        self.observer = OutputRecord(model, begun.system)
-
-    def found(self, status: np.ndarray) -> Found:
-        """Return the largest errors, and those at the end; NaN where they are not known."""
-        model, begun = self._model, self._begun
-        time, outputs = self.observer.outputs()
-        alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-        other = run_coarser(model, begun.system, begun.simulation, alive)
-        largest, at_end = ({name: np.full(begun.samples.size, np.nan) for name in outputs} for _ in range(2))
-        for place, sample in enumerate(begun.samples):
-            own = {name: values[:, sample] for name, values in outputs.items()}
-            errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
-            if errors is None or errors.time.size < other.time.size:
-                continue
-            for name, values in errors.outputs.items():
-                largest[name][place], at_end[name][place] = np.abs(values).max(), values[-1]
-        return {"errors": largest, "errors_at_end": at_end}
+@lru_cache(maxsize=8)
+def _amplifications(spectral_radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return omega h from slow to fast vibrations, and their `amplification`."""
+    turns = np.concatenate([np.linspace(1e-3, 3.0, 300), np.geomspace(3.01, 200.0, 150)])
+    return turns, amplification(spectral_radius, turns)

@@ -6,7 +6,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, MOST_CORRECTIONS, TIMES, CoarserRun, StepErrors
+from pgmp_petsc.indicator.coarser_run import FEWEST, MOST, TIMES, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
@@ -43,10 +43,12 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
     if not scene.simulation.error_indicator:
-        return (note(f"{what} were not estimated: simulation.error_indicator = false switches the estimate off; {cure}"),)
-    if ensemble and scene.ensemble.checked_share == 0.0:
-        return (note(f"{what} were not estimated: ensemble.checked_share = 0 switches the estimate off; {cure}"),)
-    return ()
+        switch = "simulation.error_indicator = false"
+    elif ensemble and scene.ensemble.checked_share == 0.0:
+        switch = "ensemble.checked_share = 0"
+    else:
+        return ()
+    return (note(f"{what} were not estimated: {switch} switches the estimate off; {cure}"),)
 
 
 def few_steps(n_steps: int) -> tuple[Remark, ...]:
@@ -90,7 +92,7 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
         The run with the coarser step, and what it tells; None where it tells nothing.
     """
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
-    why = f"took more than {MOST_CORRECTIONS:g} of the corrections of the run itself and was given up"
+    why = f"would take more than {100 * MOST:g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if errors is None:
@@ -98,31 +100,31 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
             why = f"has too few steps; {FEWEST * TIMES} or more of the run are wanted"
         return [
             warning(
-                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step (--override "
-                f"simulation.step={0.5 * model.scene.simulation.step:.3g})"
+                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step "
+                f"(--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
             )
         ]
     remarks = []
     if errors.time[-1] < time[-1] * (1.0 - 1e-9):
         remarks.append(
             warning(
-                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: {with_step} "
-                f"{why}; later ones may be larger, take a smaller simulation.step"
+                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: "
+                f"{with_step} {why}; later ones may be larger, take a smaller simulation.step"
             )
         )
     if np.isfinite(errors.lost_hz):
         remarks.append(
             warning(
-                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} Hz "
-                "over the run: its phase is lost; take a smaller simulation.step, or damp it"
+                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} "
+                "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
             )
         )
     if errors.unsure:
         remarks.append(
             warning(
-                "estimated errors of the time step are unsure, and may be several times too small or too large: friction "
-                "or stops act together with vibrations that the step does not resolve; compare with a smaller "
-                "simulation.step"
+                "estimated errors of the time step are unsure, and may be several times too small or too large: "
+                "friction or stops act where a coarser step fails, or with vibrations that it loses; compare with a "
+                "smaller simulation.step"
             )
         )
     return remarks

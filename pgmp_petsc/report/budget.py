@@ -96,7 +96,8 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
                 found = comparison.error_percent(name) if name in comparison.full.outputs else None
                 shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
                 at_end[name] = float("nan") if found is None else float(found[1][-1] / 100.0)
-            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, {comparison.part}"
+            models = f"{MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}"
+            how = f"measured: {models}, {comparison.part}"
             alike = comparison.same_steps
             if alike:
                 how += " and at the same time step; the time-step error is not included"
@@ -146,7 +147,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
                 how = f"not estimated: {one.absent[name]}" if name in one.absent else one.how
                 yield Line(f"{what}: {in_words(name)}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
-        how = "no run of a better model is here, and errors were not estimated; see the notes for the reason"
+        here = "is here" if models == {"reduced"} else "goes far enough to compare with"
+        how = f"no run of a better model {here}, and errors were not estimated; see the notes for the reason"
         yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
     elif models:
         kinds = " and ".join(MODELS[model] for model in sorted(models))

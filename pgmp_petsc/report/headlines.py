@@ -35,7 +35,8 @@ def headline_of_run(path: Path) -> str:
     if known:
         worst = max(known, key=known.__getitem__)
         of = " of the time step" if run.errors.what == OF_STEP else ""
-        error = f"estimated error{of} at most {share_text(known[worst])} ({worst})"
+        part = f" up to {run.errors.time[-1]:.4g} s" if of and run.errors.time[-1] < run.time[-1] * (1.0 - 1e-9) else ""
+        error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"
     return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s; {error}{_remarks(run.record)}"
@@ -49,8 +50,9 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     known = {name: error for name, error in found.items() if error is not None and np.isfinite(error[1]).all()}
     if not known:
         if comparison.covered == 0.0:
-            stopped = " and ".join(MODELS[one.model] for one in comparison.runs if len(one.time) < 2)
-            return f"{MODELS[other.model]}: nothing is compared: the {stopped} run did no step"
+            stopped = [MODELS[one.model] for one in comparison.runs if len(one.time) < 2]
+            runs = f"{' and '.join(stopped)} run{'s' if len(stopped) > 1 else ''}"
+            return f"nothing is compared: the {runs} did no step"
         return f"{MODELS[other.model]}: its outputs are zero or not known, so no share can be given"
     worst = max(known, key=lambda name: np.max(known[name][1]))
     time, error = known[worst]

@@ -181,7 +181,8 @@ def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
             worst = max(known, key=known.__getitem__)
             share = Datum(known[worst], share_text(known[worst]), source.name, f"/errors/{worst}@share")
             model = MODELS[source.result.model]
-            yield [f"Error of the time step of the {model} run, estimated: ", share, f" of the largest {in_words(worst)}."]
+            of = f" of the largest {in_words(worst)}."
+            yield [f"Error of the time step of the {model} run, estimated: ", share, of]
 
 
 def _checked(source: Source) -> Iterator[str | Datum]:

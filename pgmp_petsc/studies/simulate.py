@@ -38,7 +38,7 @@ from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields
@@ -250,10 +250,10 @@ def _coarser(
     """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
     if part.run.status[0] != Status.FINE or not is_estimated(model.scene):
         return None
-    simulation, n_corrections = part.attempt.simulation, part.run.n_iterations
+    simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
     with timings.phase("errors"), progress(count_steps(*_span(coarser(simulation))), title, comm) as bar:
-        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), n_corrections, bar)
+        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar)
 
 
 def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None, list[Remark]]:

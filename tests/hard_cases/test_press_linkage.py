@@ -133,7 +133,8 @@ def test_a_full_order_run_that_fails_keeps_its_part_too(capfd: pytest.CaptureFix
     texts = [remark.text for remark in run.record.remarks]
     assert texts[0].startswith("full simulation stopped at 0.0") and Status(run.status).cure in texts[0]
     assert "steps down to 1/8 of simulation.step = 0.001 s" in texts[1]
-    assert texts[2].startswith("errors of mesh and time step were not estimated")
+    assert texts[2] == "errors of the time step were not estimated: the run stopped before its end"
+    assert texts[3].startswith("errors of the mesh were not estimated")
     for command in (("info", path), ("plot", path, "-o", tmp_path), ("export", path, "-o", tmp_path / "x.xdmf")):
         main_ends_well(*command)
         assert texts[0] in capfd.readouterr().out

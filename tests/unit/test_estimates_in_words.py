@@ -25,7 +25,7 @@ from pgmp_petsc.results import EstimatedErrors
 )
 def test_a_share_is_told_where_it_says_something(largest: float, line: str, warned: str) -> None:
     errors = EstimatedErrors(np.array([0.0, 1.0]), {"tip": np.array([0.0, -1e-3])}, {"tip": largest})
-    assert of_trajectory(errors, {"tip": "m"})[1].endswith(line)
+    assert of_trajectory(errors, {"tip": "m"}, 1.0)[1].endswith(line)
     remarks = large_errors(errors)
     assert bool(remarks) == bool(warned)
     assert all(warned in remark.text for remark in remarks)

@@ -1,0 +1,135 @@
+"""Full-order runs know the error of their time step, and comparisons with one that stopped say how far they go.
+
+`n1_fourbar`, `fourbar_spring_start`: vibrations that the step of the scene does not follow, with friction and from a
+sudden start. `h16_beyond_range`: a run that leaves the range of a deformation, and fails later. `massless_all`: the
+reference does no step.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from mpi4py import MPI
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results.errors import OF_STEP
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.simulate import simulate_full
+
+HERE = Path(__file__).parent
+FINER = 8
+FACTOR = 3.0  # within which estimates are to be, for vibrations that are resolved and that are not
+
+
+def run(scene: Path, *overrides: str, finer: int = 1) -> Trajectory:
+    loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL)
+    simulation = loaded.simulation.model_copy(update={"step": loaded.simulation.step / finer})
+    return simulate_full(FullModel(loaded.model_copy(update={"simulation": simulation}), meshes), MPI.COMM_SELF)
+
+
+def assert_estimated(found: Trajectory, finer: Trajectory, outputs: tuple[str, ...]) -> None:
+    assert found.errors.what == OF_STEP
+    for name in outputs:
+        true = np.abs(found.outputs[name] - np.interp(found.time, finer.time, finer.outputs[name])).max()
+        assert 1 / FACTOR < found.errors.maximum(name) / true < FACTOR, name
+
+
+@pytest.mark.parametrize(
+    ("scene", "outputs"),
+    [
+        (ROOT / "scenes" / "slider_crank.toml", ("crank_angle", "slider_position", "slider_deformation")),
+        (ROOT / "scenes" / "spinning_beam.toml", ("tip_deflection", "tip_extension")),
+        (HERE / "n1_fourbar.toml", ("q", "r", "mid", "mx", "s")),
+        (HERE / "fourbar_spring_start.toml", ("rocker_angle", "bend", "sig")),
+    ],
+)
+def test_the_error_of_the_step_is_within_a_factor_of_three(scene: Path, outputs: tuple[str, ...]) -> None:
+    """Against an eighth of the step; measured 0.5 to 1.9."""
+    found = run(scene)
+    assert_estimated(found, run(scene, "simulation.error_indicator=false", finer=FINER), outputs)
+    assert found.record.timings["errors"] > 0.0
+
+
+def test_a_step_that_loses_a_vibration_is_warned_of() -> None:
+    found = run(HERE / "n1_fourbar.toml")
+    said = [remark.text for remark in found.record.remarks if remark.kind == "warning"]
+    assert any(text.startswith("large estimated errors of the time step") and "mid" in text for text in said)
+    assert any("does not follow a vibration at about" in text for text in said)
+    assert any(text.startswith("estimated errors of the time step are unsure") for text in said)
+
+
+def test_the_estimate_can_be_left_out() -> None:
+    found = run(ROOT / "scenes" / "slider_crank.toml", "simulation.error_indicator=false")
+    assert found.errors is None and "errors" not in found.record.timings
+    said = [remark.text for remark in found.record.remarks]
+    assert any(text.startswith("errors of the time step were not estimated: simulation.error_ind") for text in said)
+
+
+def test_file_terminal_and_report_have_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path, page = tmp_path / "run.h5", tmp_path / "page.html"
+    scene = str(ROOT / "scenes" / "slider_crank.toml")
+    ends_with(0, "simulate", scene, "--full", "-o", path)
+    assert "estimated errors over the run, of the time step" in capfd.readouterr().out
+    errors = Trajectory.read(path).errors
+    assert errors.what == OF_STEP and errors.time[-1] == pytest.approx(1.0)
+    ends_with(0, "info", path)
+    assert "estimated errors over the run, of the time step" in capfd.readouterr().out
+    ends_with(0, "info", path, "--json")
+    figures = json.loads(capfd.readouterr().out)
+    assert "of the time step" in json.dumps(figures)
+    ends_with(0, "report", path, "-o", page)
+    assert "Error of the time step of the full order run, estimated" in page.read_text()
+
+
+def test_samples_that_are_checked_know_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "samples.h5"
+    scene = str(ROOT / "scenes" / "slider_crank.toml")
+    short = ("--override", "simulation.duration=0.2")
+    ends_with(0, "montecarlo", scene, "--full", "-n", "24", "--seed", "1", "-o", path, *short)
+    assert "estimated errors over the run, of the time step; 20 samples" in capfd.readouterr().out
+    found = Ensemble.read(path)
+    for name, errors in found.errors.items():
+        assert np.isfinite(errors[:20]).all() and np.isnan(errors[20:]).all(), name
+    # the first sample, run alone, is estimated alike
+    alone = run(Path(scene), "simulation.duration=0.2", f"parameters.r1.nominal={found.parameters['r1'][0]:.17g}")
+    for name, errors in found.errors.items():
+        assert errors[0] == pytest.approx(alone.errors.maximum(name), rel=1e-3)
+
+
+def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """It fails at 0.58 s, and left the range, beyond which its output is no number, at 0.104 s."""
+    path = tmp_path / "run.h5"
+    ends_with(1, "simulate", HERE / "h16_beyond_range.toml", "--full", "-o", path)
+    said, found = capfd.readouterr().err, Trajectory.read(path)
+    assert found.status == Status.LEFT_RANGE
+    assert found.time[-1] == pytest.approx(0.103) and "full simulation stopped at 0.104 s of 1 s: " in said
+    assert "left the range" in said and found.why_stopped in said
+
+
+def test_nothing_is_compared_with_a_reference_that_did_no_step(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "job"
+    ends_with(1, "run", HERE / "massless_all.toml", "-n", "2", "-o", folder)
+    said = capfd.readouterr()
+    assert "nothing is compared: the full order run did no step" in said.out
+    assert "full simulation stopped at 0.0005 s" in said.err and "better.h5" in said.err
+    page = (folder / "report.html").read_text()
+    assert "Model error: not known" in page and "the run stopped at 0 s of 0.1 s" in page
+    ends_with(0, "info", folder / "better.h5", "--json")
+    assert "stopped at 0.0005 s" in capfd.readouterr().out
+
+
+def ends_with(status: int, *words: object) -> None:
+    """Run a command and look at its exit status."""
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    assert (end.value.code or 0) == status

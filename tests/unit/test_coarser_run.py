@@ -1,0 +1,93 @@
+"""The error of a time step from a run with a coarser one: free vibrations, whose exact and scheme's motion are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.coarser_run import TIMES, CoarserRun, amplification, step_errors
+from pgmp_petsc.indicator.coverage import step_remarks
+from pgmp_petsc.scene import load_scene
+from runs import PAPER_SCENE
+
+N_STEPS, STEP = 1000, 1e-3
+RADIUS = 0.8  # spectral radius of the scene
+
+
+def test_without_numerical_damping_the_scheme_is_the_trapezoidal_rule() -> None:
+    """Whose vibrations turn by 2 atan(omega h / 2) in a step (Hughes 2000, section 9.1)."""
+    turns = np.array([0.01, 0.5, 2.0, 30.0])
+    rates = amplification(1.0, turns)
+    np.testing.assert_allclose(rates.imag, 2.0 * np.arctan(0.5 * turns), rtol=1e-9)
+    np.testing.assert_allclose(rates.real, 0.0, atol=1e-12)
+
+
+def test_numerical_damping_is_that_of_the_spectral_radius_at_infinite_frequency() -> None:
+    assert amplification(RADIUS, np.array([1e6])).real[0] == pytest.approx(np.log(RADIUS), rel=1e-2)
+
+
+def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // TIMES) -> tuple:
+    """Return time, outputs, the exact output, and the coarser run: a slow rise with a vibration on it."""
+    time, at = STEP * np.arange(N_STEPS + 1), TIMES * STEP * np.arange(N_STEPS // TIMES + 1)
+
+    def as_computed(times: np.ndarray, step: float) -> np.ndarray:
+        rate = amplification(RADIUS, np.array([omega * step]))[0] / step
+        return amplitude * np.real(np.exp(rate * times))
+
+    values, coarse = time + as_computed(time, STEP), at + as_computed(at, TIMES * STEP)
+    fine, status, failure = reach == at.size - 1, np.zeros(1, dtype=int), np.full(1, np.nan)
+    if not fine:
+        status[0], failure[0] = Status.NOT_CONVERGED, at[reach + 1]
+        coarse[reach + 1 :] = np.nan
+    return time, {"x": values}, time + amplitude * np.cos(omega * time), CoarserRun(
+        TIMES * STEP, at, {"x": coarse[:, None]}, status, failure
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("omega", [10.0, 30.0, 100.0, 200.0, 400.0, 800.0])
+@pytest.mark.parametrize("amplitude", [1.0, 1e-3])
+def test_resolved_or_lost_a_vibration_is_estimated_within_a_factor_of_three(omega: float, amplitude: float) -> None:
+    """From 600 steps a period, with an error of 1e-5, to 8, where the run and the coarser one have lost its phase."""
+    time, outputs, exact, other = runs(omega, amplitude)
+    found = step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    true = np.abs(outputs["x"] - exact).max()
+    assert 1 / 3 < np.abs(found.outputs["x"]).max() / true < 3
+    np.testing.assert_array_equal(found.time, other.time)
+    assert not found.unsure and np.isfinite(found.lost_hz) == (true > 0.1 and omega > 100.0)
+    if np.isfinite(found.lost_hz):  # bands are 1 / 62 of the steps' frequency wide
+        assert found.lost_hz == pytest.approx(omega / (2.0 * np.pi), abs=20.0)
+
+
+def test_an_estimate_ends_where_the_coarser_run_does() -> None:
+    time, outputs, _, other = runs(30.0, reach=60)
+    found = step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    assert found.time[-1] == pytest.approx(0.3) and np.isfinite(found.outputs["x"]).all()
+    said = [remark.text for remark in step_remarks(_Model(), time, other, found)]
+    assert len(said) == 1 and said[0].startswith("errors of the time step were estimated up to 0.3 s of 1 s: ")
+    assert "stopped at 0.305 s (Newton's iteration did not converge" in said[0]
+
+
+def test_too_little_tells_nothing() -> None:
+    time, outputs, _, other = runs(30.0, reach=5)
+    assert step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
+    said = [remark.text for remark in step_remarks(_Model(), time, other, None)]
+    assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
+    assert "--override simulation.step=0.0005" in said[0]
+
+
+def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
+    time, outputs, _, other = runs(400.0)
+    scene = load_scene(
+        PAPER_SCENE, ['effects.brake={type="joint_friction", joint="crank_hinge", limit=0.01, speed=0.1}']
+    )
+    found = step_errors(scene, time, outputs, other)
+    assert found.unsure
+    said = [remark.text for remark in step_remarks(_Model(), time, other, found)]
+    assert any(text.startswith("estimated errors of the time step are unsure") for text in said)
+
+
+class _Model:
+    """What remarks take of a model."""
+
+    scene = load_scene(PAPER_SCENE)
