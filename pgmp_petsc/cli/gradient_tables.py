@@ -95,8 +95,9 @@ def design_lines(found: Design) -> Iterator[str]:
     for constraint in found.constraints:
         how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
         # of what is just met nothing but round-off is left
-        left = 0.0 if constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start) else constraint.value
-        begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in (constraint.start, left))
+        met = constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start)
+        ends = (constraint.start, 0.0 if met else constraint.value)
+        begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in ends)
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:
         yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{_behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"
