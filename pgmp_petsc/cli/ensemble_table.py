@@ -80,7 +80,8 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
         for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
             quantile, ends = factor * quantile, factor * ends
             shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {unit}"
-            bounds = f"; whatever the failed ones would have been {_bounds(factor * s.quantile_bounds[k])}" if failed else ""
+            whatever = _bounds(factor * s.quantile_bounds[k])
+            bounds = f"; whatever the failed ones would have been {whatever}" if failed else ""
             yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
 
 

@@ -98,10 +98,9 @@ def design_lines(found: Design) -> Iterator[str]:
     for constraint in found.constraints:
         how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
         # of what is just met nothing but round-off is left
-        left = (
-            0.0 if constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start) else constraint.value
-        )
-        begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in (constraint.start, left))
+        met = constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start)
+        ends = (constraint.start, 0.0 if met else constraint.value)
+        begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in ends)
         now += "" if constraint.interval is None else f" {interval_text(np.array(constraint.interval))}"
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:

@@ -264,8 +264,8 @@ def run_batch(
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
-    nothing is known. `pulse` is called now and then with the share of the steps that are done, `divisors` are those of the steps that are tried. Collective on
-    `comm`.
+    nothing is known. `pulse` is called now and then with the share of the steps that are done, `divisors` are those of
+    the steps that are tried. Collective on `comm`.
     """
     scene, comm = model.scene, comm or alone()
     alive = physical(scene, values)

@@ -145,8 +145,8 @@ class LoopClosure:
                     "not from where its bodies are placed: placements are the first guess of how it is assembled, and "
                     f"these are too far off (angles are in rad). It closes with {self._placements(closed)}"
                     if placed
-                    else "not in the way that it is assembled: between there and here it goes through a dead centre, or "
-                    f"into another assembly. Narrow {self._ranges}, or assemble it the other way by its placements"
+                    else "not in the way that it is assembled: on the way there it goes through a dead centre, or into "
+                    f"another assembly. Narrow {self._ranges}, or assemble it the other way by its placements"
                 )
             )
         raise InputError(

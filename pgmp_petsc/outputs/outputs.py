@@ -26,6 +26,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.unit_systems import SI, unit_system
 
 if TYPE_CHECKING:
     from pgmp_petsc.outputs.stress import StressOutput
@@ -146,6 +147,9 @@ class OutputSet:
             rigid = RigidReference(kinematics)
             if not all(coordinate.periodic for coordinate in mechanism.coordinates):
                 reached = rigid.reached
+        system = unit_system(scene)
+        if system not in (None, SI):
+            units = {name: system.unit(unit) for name, unit in units.items()}
         return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid)
 
 

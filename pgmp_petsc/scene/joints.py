@@ -46,7 +46,7 @@ class _Joint(Table):
 
     #: Number of constraints in the plane and in space.
     n_constraints: ClassVar[dict[int, int]]
-    #: Motions that it leaves free and that are measured: "turning" about its axis, "sliding" along it or along its line.
+    #: Motions that it leaves free and that are measured: "turning" about its axis, "sliding" along it or its line.
     motions: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
@@ -170,8 +170,8 @@ PLANAR_JOINTS = ("revolute", "point_on_line", "fixed")
 
 def joints_with(*motions: str, dimension: int = 3) -> tuple[type[_Joint], ...]:
     """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
-    kinds = (Revolute, PointOnLine, Cylindrical, Prismatic)
-    return tuple(kind for kind in kinds if dimension in kind.n_constraints and not set(motions).isdisjoint(kind.motions))
+    kinds = [kind for kind in (Revolute, PointOnLine, Cylindrical, Prismatic) if dimension in kind.n_constraints]
+    return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions))
 
 
 class Coordinate(Table):

@@ -78,8 +78,8 @@ def _coordinates(scene: Scene) -> Iterator[str]:
             inside = ", ".join(f"{math.radians(end):.5g}" for end in (low, high))
             yield problem(
                 f"coordinates.{name}.range",
-                f"looks like degrees: it is in rad, and {turns} long; write [{inside}]. What turns for ever has range = "
-                f"[0.0, {2 * math.pi!r}] and periodic = true",
+                f"looks like degrees: it is in rad, and {turns} long; write [{inside}]. What turns for ever has range "
+                f"= [0.0, {2 * math.pi!r}] and periodic = true",
                 list(coordinate.range),
             )
         elif high - low > MOST_RADIANS_OF_RANGE:

@@ -41,7 +41,7 @@ from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.load_parts import parts_of
-from pgmp_petsc.studies.plausibility.unit_systems import SI, unit_system
+from pgmp_petsc.scene.unit_systems import SI, unit_system
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed

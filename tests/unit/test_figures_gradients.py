@@ -112,5 +112,6 @@ def test_what_is_just_met_is_missed_by_nothing() -> None:
         (2.082e-17, True, " 0  just met"), (0.1, False, "+0.1  missed"), (-0.05, False, "-0.05  met"),
     ):  # fmt: skip
         constraint = replace(found.constraints[0], value=value, active=active)
-        (line,) = (line for line in design_lines(replace(found, constraints=(constraint,))) if "crank_angle) >=" in line)
+        lines = design_lines(replace(found, constraints=(constraint,)))
+        (line,) = (line for line in lines if "crank_angle) >=" in line)
         assert said in line

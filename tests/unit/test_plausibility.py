@@ -10,7 +10,11 @@ import pytest
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.unit_systems import OTHERS, SI
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
 from pgmp_petsc.studies.plausibility.bodies import bending_excess
@@ -344,3 +348,16 @@ def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> No
         assert float(said.split("the first mode of the mechanism has ")[1].split(" ")[0]) == pytest.approx(
             expected, rel=0.02
         )
+
+
+def test_outputs_of_a_scene_in_other_units_have_these() -> None:
+    """In mm and t a stress is in MPa; a prefix on the name of an SI unit would be a thousand times off."""
+    changes = in_units("mm, t and s")
+    changes[changes.index("outputs={}")] = (
+        'outputs={tip={type="deformation", point="rod:tip", axis="y"}, '
+        'most={type="stress", body="rod", quantity="stress_max"}, q={type="angle", joint="pin"}}'
+    )
+    scene, meshes = read_scene(SCENE, [*changes, "effects={}"], [], MPI.COMM_SELF, Purpose.CHECK)
+    outputs = OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, meshes)))
+    assert outputs.units == {"tip": "mm", "most": "MPa", "q": "rad"}
+    assert OTHERS[0].unit("N m") == "N mm" and OTHERS[0].unit("m/s2") == "mm/s2" and SI.unit("N m") == "N m"

@@ -210,5 +210,5 @@ def test_a_check_says_of_each_point_what_it_is_the_mean_over(kind: str, tmp_path
         given = rod.matrices.model_copy(update={"nodes": str(tmp_path / "rod.csv"), "faces": faces})
         scene = scene.model_copy(update={"bodies": scene.bodies | {"rod": rod.model_copy(update={"matrices": given})}})
     said = describe_scene(scene, solid_meshes() | {"rod": read_assembled(scene, "rod")})
-    means = {"csv": "means over nodes that count alike, as their faces are not known", "inp": "means over areas of faces"}
+    means = {"csv": "over nodes that count alike, as their faces are not known", "inp": "over areas of faces"}
     assert means[kind] in said and not any(text in said for other, text in means.items() if other != kind)

@@ -486,8 +486,8 @@ def test_too_few_coordinates_are_refused() -> None:
     assert message.startswith(
         "joints: they leave the rigid mechanism 2 degrees of freedom (18 of its 3 bodies less 16 independent "
         "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can spin idly about the line "
-        'through its ball joints ball and cross: make one of them universal, which holds the spin: joints.cross: type = '
-        '"universal", axis = ['
+        'through its ball joints ball and cross: make one of them universal, which holds the spin: joints.cross: type '
+        '= "universal", axis = ['
     )
     # with what it says the mechanism is sound
     axes = message.split('type = "universal", ')[1]

@@ -10,9 +10,9 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.impulses import impulse_of
 from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.slides import slides
+from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
-from pgmp_petsc.studies.plausibility.unit_systems import SI, UnitSystem
 
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s

@@ -11,10 +11,10 @@ import numpy as np
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.unit_systems import UnitSystem
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 from pgmp_petsc.studies.plausibility.loads import FAST, LIGHT
-from pgmp_petsc.studies.plausibility.unit_systems import UnitSystem
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
 N_LOOKED_AT = 2001  # instants of a run
