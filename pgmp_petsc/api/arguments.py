@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
-from os import PathLike, fspath
+from os import PathLike, fsencode, fspath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -139,7 +139,11 @@ def _path(value: object) -> object:
     if not isinstance(value, (str, PathLike)):
         return NotImplemented
     text = fspath(value)
-    return value if isinstance(text, str) and text and "\0" not in text else NotImplemented
+    try:
+        name = fsencode(text) if isinstance(text, str) else b""
+    except UnicodeError:  # half of a character
+        name = b""
+    return value if name and b"\0" not in name else NotImplemented
 
 
 def _list_of(kind: Callable[[object], object]) -> Callable[[object], object]:
@@ -169,7 +173,10 @@ def _instance(name: str) -> Callable[[object], object]:
 
 
 def _text(value: object) -> object:
-    return str(value) if isinstance(value, str) else NotImplemented
+    try:
+        return value.encode().decode() if isinstance(value, str) else NotImplemented
+    except UnicodeError:
+        return NotImplemented
 
 
 def _mapping(value: object) -> object:
