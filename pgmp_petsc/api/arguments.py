@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
-from os import PathLike, fspath
+from os import PathLike, fsencode, fspath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, shortened
+from pgmp_petsc.scene.messages import inline_toml
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -86,6 +87,51 @@ def wrong(what: str, received: object, allowed: str) -> InputError:
     return InputError(f"{what}: {type(received).__name__} received; allowed is {allowed}")
 
 
+def overrides_of(overrides: object) -> tuple[str, ...]:
+    """Return overrides as a command takes them, none for None; raises `InputError` where they are something else."""
+    if overrides is None:
+        return ()
+    if isinstance(overrides, Mapping):
+        return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
+    if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
+        raise InputError(
+            f"overrides = {overrides!r}: allowed are a mapping such as {{'reduction.modes': 8}}, or a list of texts "
+            "such as ['reduction.modes=8']"
+        )
+    return tuple(overrides)
+
+
+def settings_of(parameters: object) -> tuple[str, ...]:
+    """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
+    if parameters is None:
+        return ()
+    if isinstance(parameters, Mapping):
+        return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
+    if not isinstance(parameters, (list, tuple)) or not all(isinstance(text, str) for text in parameters):
+        raise InputError(
+            f"parameters = {parameters!r}: allowed are a mapping of names to numbers, such as {{'r1': 5e-3}}, or a "
+            "list of texts such as ['r1=5e-3']"
+        )
+    return tuple(parameters)
+
+
+def _number(value: object) -> str:
+    return repr(float(value)) if isinstance(value, (int, float, np.number)) else str(value)
+
+
+def plain(value: object) -> Any:
+    """Return tables without numpy's types, tuples and paths, which TOML does not have."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return fspath(value) if isinstance(value, PathLike) else value
+
+
 @cache
 def _alternatives(annotation: str) -> tuple[str, ...]:
     """Return the kinds that an annotation joins: of ``Sequence[str | int] | None`` the two."""
@@ -139,7 +185,11 @@ def _path(value: object) -> object:
     if not isinstance(value, (str, PathLike)):
         return NotImplemented
     text = fspath(value)
-    return value if isinstance(text, str) and text and "\0" not in text else NotImplemented
+    try:
+        name = fsencode(text) if isinstance(text, str) else b""
+    except UnicodeError:  # half of a character
+        name = b""
+    return value if name and b"\0" not in name else NotImplemented
 
 
 def _list_of(kind: Callable[[object], object]) -> Callable[[object], object]:
@@ -169,7 +219,10 @@ def _instance(name: str) -> Callable[[object], object]:
 
 
 def _text(value: object) -> object:
-    return str(value) if isinstance(value, str) else NotImplemented
+    try:
+        return value.encode().decode() if isinstance(value, str) else NotImplemented
+    except UnicodeError:
+        return NotImplemented
 
 
 def _mapping(value: object) -> object:
@@ -199,18 +252,6 @@ def _either(*names: str) -> Callable[[object], object]:
     return taken
 
 
-def _overrides(value: object) -> object:
-    from pgmp_petsc.api.scenes import overrides_of  # whose functions are checked here
-
-    return overrides_of(value)
-
-
-def _settings(value: object) -> object:
-    from pgmp_petsc.api.scenes import settings_of
-
-    return settings_of(value)
-
-
 #: What an argument becomes, by the kinds of annotations; NotImplemented where it is none of the kind.
 _TAKEN: dict[str, Callable[[Any], Any]] = {
     "None": lambda value: None if value is None else NotImplemented,
@@ -226,8 +267,8 @@ _TAKEN: dict[str, Callable[[Any], Any]] = {
     "Stopping": _instance("Stopping"),
     "Robust": _instance("Robust"),
     "AnySource": _either("Rom", "Scene", "PathLike[str]"),
-    "Overrides": _overrides,
-    "Parameters": _settings,
+    "Overrides": overrides_of,
+    "Parameters": settings_of,
     "Columns": _columns,
     "Mapping[str, float]": _mapping,
     "Mapping[str, Any]": _mapping,

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.api.arguments import checked
-from pgmp_petsc.api.keeping import in_memory
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
-from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
 
 if TYPE_CHECKING:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.api.ranks import RESULT, tell_remarks
-from pgmp_petsc.api.result import Result, Rom
+from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed, form_of, is_table
 from pgmp_petsc.runtime.remarks import Remark
@@ -94,12 +94,3 @@ def keeping(
         return
     with claimed(comm, output, form_of(output, kind), inputs) as target:
         yield Keeper(kind, comm, Path(output), target, on_all_ranks)
-
-
-def in_memory(data: Any) -> Any:
-    """Return a result whose columns are arrays, where they are read from a file when they are asked for."""
-    found = {item.name: getattr(data, item.name) for item in fields(data)}
-    lazy = {
-        name: dict(value) for name, value in found.items() if isinstance(value, Mapping) and type(value) is not dict
-    }
-    return replace(data, **lazy) if lazy else data

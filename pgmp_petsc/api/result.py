@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -59,8 +61,6 @@ class Result:
         return type(self)(self.kind, deepcopy(self._in_memory(), memo), self.comm, self.directory, self.path)
 
     def _in_memory(self) -> Any:
-        from pgmp_petsc.api.keeping import in_memory  # which makes results
-
         return None if self.data is None else in_memory(self.data)
 
     def _own(self) -> Any:
@@ -172,6 +172,15 @@ class StoppedRun(RunError):
     def __init__(self, message: str, result: Result | None = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+def in_memory(data: Any) -> Any:
+    """Return a result whose columns are arrays, where they are read from a file when they are asked for."""
+    found = {item.name: getattr(data, item.name) for item in fields(data)}
+    lazy = {
+        name: dict(value) for name, value in found.items() if isinstance(value, Mapping) and type(value) is not dict
+    }
+    return replace(data, **lazy) if lazy else data
 
 
 def file_of(result: Result | str | PathLike[str]) -> Path:

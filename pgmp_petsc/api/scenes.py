@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import checked, overrides_of, plain, settings_of
 from pgmp_petsc.api.ranks import ranks_of, tell_remarks
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
-from pgmp_petsc.scene.messages import inline_toml
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -94,48 +90,3 @@ def changed(scene: Scene, overrides: Overrides, parameters: Parameters | None) -
         return scene
     tables = scene.model_dump(exclude_none=True, exclude_unset=True)
     return scene_from_tables(tables, scene.directory, texts, settings)
-
-
-def overrides_of(overrides: Overrides) -> tuple[str, ...]:
-    """Return overrides as a command takes them, none for None; raises `InputError` where they are something else."""
-    if overrides is None:
-        return ()
-    if isinstance(overrides, Mapping):
-        return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
-    if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
-        raise InputError(
-            f"overrides = {overrides!r}: allowed are a mapping such as {{'reduction.modes': 8}}, or a list of texts "
-            "such as ['reduction.modes=8']"
-        )
-    return tuple(overrides)
-
-
-def settings_of(parameters: Parameters | None) -> tuple[str, ...]:
-    """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
-    if parameters is None:
-        return ()
-    if isinstance(parameters, Mapping):
-        return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
-    if not isinstance(parameters, (list, tuple)) or not all(isinstance(text, str) for text in parameters):
-        raise InputError(
-            f"parameters = {parameters!r}: allowed are a mapping of names to numbers, such as {{'r1': 5e-3}}, or a "
-            "list of texts such as ['r1=5e-3']"
-        )
-    return tuple(parameters)
-
-
-def _number(value: object) -> str:
-    return repr(float(value)) if isinstance(value, (int, float, np.number)) else str(value)
-
-
-def plain(value: object) -> Any:
-    """Return tables without numpy's types, tuples and paths, which TOML does not have."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    return fspath(value) if isinstance(value, PathLike) else value

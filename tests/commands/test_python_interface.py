@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import logging
+import pickle
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import synthetic
 from conftest import ROOT
@@ -336,43 +338,6 @@ def test_samples_of_a_program(rom: pgmp.Rom, tmp_path: Path) -> None:
         assert any(str(remark).startswith("note: samples are those of 'samples'") for remark in found.remarks)
     assert len(pgmp.montecarlo(rom, np.int64(2), samples=columns).status) == 2
     assert pgmp.simulate(rom, overrides=None).outputs.keys() == wanted.outputs.keys()
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_arguments_of_all_kinds_are_taken_or_refused(seed: int, rom: pgmp.Rom, tmp_path: Path, monkeypatch) -> None:
-    """Whatever a function is given in place of an argument, it is taken, or one error says what is allowed."""
-    monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(seed)
-    fine = {
-        "source": rom, "rom": rom, "scene": rom.scene, "n": 2, "event": "crank_angle > 1", "goal": "minimise r1",
-        "files": ["a.h5"], "failed": "a.h5", "measured": "a.csv", "path": "a.h5", "output": "a.h5", "results": ["a.h5"],
-        "result": "a.h5", "tables": {}, "run": rom, "times": [0.0],
-    }  # fmt: skip
-    odd = [
-        None, True, -1, 0, 3, 10**30, 1.5, float("nan"), float("inf"), "", "x", "x" * 9999, "\0", b"x", [], [3], ["x"],
-        (), {}, {"x": 1}, {3: 1}, {"x": object()}, object(), object, print, np.zeros(2), np.float64(2), np.array("x"),
-        rom.scene, pandas.DataFrame(), {"r1": [1.0, "a"]}, range(3), {1, 2}, iter([1]), Path("x"), 1j, lambda: 1,
-        pgmp.Stopping(3), pgmp.Stopping(budget="x"), pgmp.Shard("a", None), pgmp.Robust("x"), [pgmp.Correction(3, 4)],
-        [pgmp.Correction("full", 40, 2, 7)], tmp_path,
-    ]  # fmt: skip
-    for name in pgmp.__all__:
-        function = getattr(pgmp, name)
-        if not inspect.isfunction(function):
-            continue
-        parameters = inspect.signature(function).parameters
-        for wrong in rng.permutation([key for key in parameters if key != "folder"]):
-            given = {key: fine[key] for key, entry in parameters.items() if entry.default is entry.empty}
-            given[wrong] = odd[rng.integers(len(odd))]
-            # what would run for long is not of interest
-            given |= {"overrides": {"simulation.duration": 2e-3}} if "overrides" in parameters and wrong != "overrides" else {}
-            if name in ("build", "tradeoff", "frequencies", "check", "run", "load", "compose") and wrong in (
-                "seed", "quick", "comm", "resume", "on_all_ranks", "ranks_per_angle", "effects", "trial", "force"
-            ):  # fmt: skip
-                continue
-            try:
-                function(**given)
-            except pgmp.PgmpError as error:
-                assert "Error" not in str(error) and "\0" not in str(error), (name, wrong, given[wrong], error)
 
 
 WRONG = {
