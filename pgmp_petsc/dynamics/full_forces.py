@@ -45,7 +45,7 @@ class BlockActions(NamedTuple):
     counted
         Whether an action is counted here, in sums over all ranks, shape (n_actions,).
     about
-        As for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes).
+        As for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes); none where nothing is iterated.
     """
 
     statements: NodeStatements
@@ -55,7 +55,7 @@ class BlockActions(NamedTuple):
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     counted: np.ndarray
-    about: np.ndarray
+    about: np.ndarray = np.empty((0, 0, 0))
 
 
 class Acted(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE
+from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE, cause_of
 from pgmp_petsc.effects import Held
 from pgmp_petsc.runtime.errors import RunError
 
@@ -42,7 +42,7 @@ class FullStatics:
         self._equations = equations
         self._held = {k: Held(0.0) for k in range(n_theta)}
         self._system = FullDistributed(equations, comm, self._held)
-        self._q = np.zeros((equations.n_dofs, 1))
+        self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
@@ -61,15 +61,20 @@ class FullStatics:
             return torques, lost
         for held, angle in zip(self._held.values(), theta[0]):
             held.angle = float(angle)
+        self._share = 0.0
         for n_parts in SHARES:
             state = self._system.at_rest(self._equations.place(theta[0], np.zeros_like(theta[0]))[0], theta[0])
-            if all(self._converge(state, part / n_parts) for part in range(1, n_parts + 1)):
+            if all(self._reach(state, part / n_parts) for part in range(1, n_parts + 1)):
                 break
         else:
             return torques, np.ones(1, dtype=bool)
         self._q = self._system.unpack(state.q)
         torques[0] = self._system.multipliers(state)[-theta.shape[1] :]  # those of driven angles come last
         return torques, lost
+
+    def cause(self, sample: int) -> str:
+        """Return why there is no deformation; see `Statics.cause`."""
+        return cause_of(self._share)
 
     def unknowns(self) -> np.ndarray:
         """Return the unknowns, shape (n_dofs, 1)."""
@@ -82,6 +87,12 @@ class FullStatics:
             q, v = self._equations.place(theta, rates)
             moments.append(2.0 * self._system.kinetic_energy(v))
         return np.array([moments])
+
+    def _reach(self, state: State, share: float) -> bool:
+        """Correct a state under a share of the loads, and note the largest one; return whether that converged."""
+        found = self._converge(state, share)
+        self._share = max(self._share, share if found else 0.0)
+        return found
 
     def _converge(self, state: State, share: float) -> bool:
         """Correct a state, in place, under a share of the loads; return whether that converged."""

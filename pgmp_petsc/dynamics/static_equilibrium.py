@@ -56,6 +56,9 @@ class Statics(Protocol):
             Mask of the samples without a solution.
         """
 
+    def cause(self, sample: int) -> str:
+        """Return why a sample was lost last, with what helps."""
+
     def unknowns(self) -> np.ndarray:
         """Return the unknowns that were found last, a column a sample."""
 
@@ -145,7 +148,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     everyone, reasons = np.ones(statics.n_samples, dtype=bool), {}
     free = list(search.free)
     torques, lost = statics.hold(theta, everyone)
-    _note(reasons, lost, _no_deformation(search, theta))
+    _note(reasons, lost, _no_deformation(statics, search, theta))
     unstable = np.zeros(statics.n_samples, dtype=bool)
     if not free:
         return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
@@ -154,7 +157,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     last, before = np.full(statics.n_samples, np.inf), np.zeros((statics.n_samples, len(free)))
     for _ in range(MAX_STEPS):
         slopes, lost = _slopes(statics, theta, torques, free, active)
-        _note(reasons, active & lost, _no_deformation(search, theta))
+        _note(reasons, active & lost, _no_deformation(statics, search, theta))
         active &= ~lost
         step, definite = _downhill(slopes, torques[:, free], inertia / search.duration**2)
         turned = np.sum(step * before, axis=1) < 0.0
@@ -174,11 +177,11 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
         theta[active & away] = origin[active & away]
         active &= ~away
         torques, lost = statics.hold(theta, active)
-        _note(reasons, active & lost, _no_deformation(search, theta))
+        _note(reasons, active & lost, _no_deformation(statics, search, theta))
         active &= ~lost
     _note(reasons, active, _nowhere(search, theta, origin, torques))
     _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
-    _note(reasons, lost, _no_deformation(search, theta))
+    _note(reasons, lost, _no_deformation(statics, search, theta))
     return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
 
 
@@ -231,15 +234,23 @@ def _note(reasons: dict[int, str], samples: np.ndarray, explain) -> None:
         reasons.setdefault(int(sample), explain(int(sample)))
 
 
-def _no_deformation(search: Search, theta: np.ndarray):
+def _no_deformation(statics: Statics, search: Search, theta: np.ndarray):
     def explain(sample: int) -> str:
         return (
             f"initial.equilibrium = true: the static deformation at {_places(search, theta[sample])} was not found: "
-            f"Newton's iteration did not converge, with the loads put on in up to {SHARES[-1]} parts either; the loads "
-            "at time zero may be larger than the bodies carry, or let simulation.initial begin elsewhere"
+            f"{statics.cause(sample)}"
         )
 
     return explain
+
+
+def cause_of(share: float) -> str:
+    """Say why a deformation was not found under the loads at time zero, of which a share was reached."""
+    reached = f"{100.0 * share:.3g} % of" if share > 0.0 else f"less than 1/{SHARES[-1]} of"
+    return (
+        f"Newton's iteration converges with {reached} the loads and springs at time zero, and not with all: they may be "
+        "larger than the bodies carry; take smaller ones, or let simulation.initial begin elsewhere"
+    )
 
 
 def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.ndarray):

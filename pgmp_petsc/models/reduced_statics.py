@@ -17,15 +17,16 @@ import numpy as np
 
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE
+from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE, cause_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.outputs import joint_angle
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 TURN = 1e-6  # rad of differences
+TORQUE = 1e-3  # of differences along torques, in units of those that are left
 SHAPE = 1e-4  # of differences along flexible coordinates, in units of the mechanism's size or of 1 rad
-MAX_STEPS = 20
+MAX_STEPS = 60  # the slopes of the joints follow the deformation from step to step
 
 
 class ReducedStatics:
@@ -43,19 +44,33 @@ class ReducedStatics:
         self._system, self._angles = system, angles
         self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
         self._eta = np.zeros((system.n_samples, system.n_eta))
+        # of the loads, with which a deformation was found last; how far a joint that is not held stands away, rad
+        self._share, self._away = np.zeros(system.n_samples), np.zeros(system.n_samples)
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the deformation, from the undeformed mechanism; see `Statics.hold`."""
         r, before = self._n_theta, self._eta.copy()
+        self._away[samples] = 0.0
         eta = np.zeros_like(self._eta)
         eta[:, :r] = theta
         torques, lost = self._deform(eta, np.zeros((self.n_samples, 0)), None, samples)
         if self._angles is not None:
-            torques, lost = self._hold_joints(eta, theta, torques, samples & ~lost, lost)
+            torques, lost = self._hold_joints(eta, theta, samples & ~lost, lost)
         # one that ran away is a record: no number of it may reach what is evaluated for the whole batch
         eta[lost, :r], eta[lost, r:] = theta[lost], 0.0
         self._eta = np.where(samples[:, None], eta, before)
         return torques, lost & samples
+
+    def cause(self, sample: int) -> str:
+        """Return why a sample was lost; see `Statics.cause`."""
+        if self._away[sample] == 0.0:
+            return cause_of(self._share[sample])
+        return (
+            f"the deformation under the loads was, but no rigid coordinates with which the joints stand there: "
+            f"{self._away[sample]:.2g} rad remain. The modes may turn the joint by too much for the model; take "
+            "reduction.static_modes = true or more reduction.angles and build again, or let simulation.initial begin "
+            "elsewhere"
+        )
 
     def unknowns(self) -> np.ndarray:
         """Return the reduced coordinates, shape (n_eta, n_samples)."""
@@ -72,29 +87,37 @@ class ReducedStatics:
         return np.stack(moments, axis=1)
 
     def _hold_joints(
-        self, eta: np.ndarray, angles: np.ndarray, torques: np.ndarray, active: np.ndarray, lost: np.ndarray
+        self, eta: np.ndarray, angles: np.ndarray, active: np.ndarray, lost: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Solve for theta and the holding torques mu of the active samples; return minus mu, and the samples lost."""
         r = self._n_theta
-        mu, last = np.zeros((self.n_samples, r)), np.full(self.n_samples, np.inf)
-        left = torques  # of the loads and of mu, on theta
-        for _ in range(MAX_STEPS):
+        mu, last, moved_by = np.zeros((self.n_samples, r)), np.full(self.n_samples, np.inf), np.full(lost.shape, np.inf)
+        for _ in range(MAX_STEPS + 1):
             slopes = self._angles.gradient(eta)
+            # what is differenced below: with the slopes of the step before, differences over `TURN` would be of theirs
+            left, failed = self._deform(eta, mu, slopes, active)
+            lost = lost | (failed & active)
             away = self._angles.of(eta) - angles
-            # the torque of 1 rad of the flexible coordinates is unknown; what is left on theta is of the right size
+            # theta may stand still while mu still bends the joint
+            size = np.maximum(moved_by, np.max(np.abs(away), axis=1))
+            active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
+            last = size
+            if not active.any():
+                return -mu, lost
+            # the torque of 1 rad of the flexible coordinates is unknown; what is left on theta is of the right size, and
+            # a part of it bends the bodies by little beside what the loads do
             pull = np.maximum(np.max(np.abs(left), axis=1), np.max(np.abs(mu), axis=1))
             defect = np.concatenate([left, away], axis=1)
             jacobian = np.zeros((self.n_samples, 2 * r, 2 * r))
             for column in range(2 * r):
                 moved, torque, k = eta.copy(), mu.copy(), column % r
-                step = np.full(self.n_samples, TURN) if column < r else np.where(pull > 0.0, pull, 1.0)
+                step = np.full(self.n_samples, TURN) if column < r else TORQUE * np.where(pull > 0.0, pull, 1.0)
                 (moved if column < r else torque)[:, k] += step
                 changed, failed = self._deform(moved, torque, slopes, active)
                 lost = lost | (failed & active)
                 found = np.concatenate([changed, self._angles.of(moved) - angles], axis=1)
                 jacobian[:, :, column] = (found - defect) / step[:, None]
             active = active & ~lost
-            size = np.zeros(self.n_samples)
             for sample in np.flatnonzero(active):
                 try:
                     step = np.linalg.solve(jacobian[sample], -defect[sample])
@@ -105,17 +128,9 @@ class ReducedStatics:
                     continue
                 eta[sample, :r] += step[:r]
                 mu[sample] += step[r:]
-                size[sample] = np.max(np.abs(step[:r]))
+                moved_by[sample] = np.max(np.abs(step[:r]))
             active = active & ~lost
-            found, failed = self._deform(eta, mu, slopes, active)
-            left = np.where(active[:, None], found, left)
-            # theta may stand still while mu still bends the joint
-            size = np.maximum(size, np.max(np.abs(self._angles.of(eta) - angles), axis=1))
-            lost = lost | (failed & active)
-            active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
-            last = size
-            if not active.any():
-                return -mu, lost
+        self._away[active] = np.max(np.abs(away), axis=1)[active]
         return -mu, lost | active
 
     def _deform(
@@ -129,11 +144,13 @@ class ReducedStatics:
         r = self._n_theta
         force = np.zeros_like(eta) if slopes is None else np.einsum("sk,ski->si", mu, slopes)
         todo, first = samples.copy(), eta.copy()
+        self._share[samples] = 0.0
         for n_parts in SHARES:
             going = todo.copy()
             eta[going] = first[going]
             for part in range(1, n_parts + 1):
                 going &= self._converge(eta, part / n_parts * force, going, part / n_parts)
+                self._share[going] = np.maximum(self._share[going], part / n_parts)
             todo &= ~going
             if not todo.any():
                 break
