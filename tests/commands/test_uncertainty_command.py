@@ -191,7 +191,7 @@ def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path)
     assert f"--set r1=5e-3: every sample takes 'r1' from --samples {table}; leave one of them out" in done.stderr
 
 
-# A rigid bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
+# A bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
 BAR = """
 [scene]
 name = "bar"
