@@ -9,7 +9,8 @@
 often its intervals hold the true figures; 400 repetitions know a count of 95 % to 1.1 %. With an ensemble the laws are
 those of its outputs, whose figures over all samples count as true: 1,000,000 are split into 400 times 400 and more that
 have no part in each other. With `--sobol` values are those of eight scrambled Sobol sequences in turn, through a sum
-of two normal variables, and the last columns say how wide intervals are beside those of independent values. `samplers` runs ensembles of
+of two normal variables, and it is said how wide intervals are beside those of independent values. `samplers` runs
+ensembles of
 scrambled Sobol points, 16 of each of six sizes with seeds of their own, and compares their means with that of a large
 one. Independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
 repeats Sobol indices of Ishigami's function, which are known.

@@ -162,7 +162,9 @@ def described(n_samples: int = 60) -> Ensemble:
         extremes=columns,
         first_passages={"late": np.full(n_samples, np.nan)},
         probabilities={
-            "late": Chance("crank_angle above 5 rad at any time", 3, 57, 3 / 57, np.array([0.01, 0.2]), 0.9)
+            "late": Chance(
+                "crank_angle above 5 rad at any time", 3, 57, 3 / 57, np.array([0.01, 0.2]), 0.9, 0, 1e-3, 0.2
+            )
         },
         bands={name: band((0.1, 0.5, 0.9)) for name in outputs},
         sobol={name: sensitivity(True) for name in outputs} | {"crank_angle.max": sensitivity(False)},

@@ -211,8 +211,8 @@ def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: in
     """Return bounds of the quantiles of a sample of which some values are not known, shape (n_quantiles, 2).
 
     The smallest that a quantile can be is that of the sample with all missing values below the known ones, the largest
-    that with all above; infinite where such a value has a part in it. A quantile is interpolated between neighbours,
-    as `numpy.quantile` does.
+    that with all above; infinite where such a value has a part in it. A quantile is interpolated between neighbours by
+    `numpy.quantile`, so that its bounds are the same to the last bit.
     """
     ordered, n = np.sort(values), values.size + n_missing
     bounds = np.full((len(probabilities), 2), [-np.inf, np.inf])
@@ -221,9 +221,9 @@ def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: in
         below, above = int(np.floor(at)), int(np.ceil(at))
         share = at - below
         if below >= n_missing:
-            row[0] = (1 - share) * ordered[below - n_missing] + share * ordered[above - n_missing]
+            row[0] = np.quantile(ordered[[below - n_missing, above - n_missing]], share)
         if above < values.size:
-            row[1] = (1 - share) * ordered[below] + share * ordered[above]
+            row[1] = np.quantile(ordered[[below, above]], share)
     return bounds
 
 

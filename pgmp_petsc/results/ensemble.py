@@ -21,7 +21,8 @@ dataset                                  shape           content
                                                          most that was moved around, J; where ``ensemble.balance``
                                                          asks for them, NaN where the sample failed
 ``/statistics/<name>/count``             ()              how many values the statistics are of: for an output the
-                                                         samples that are fine, for a parameter all
+                                                         samples that are fine, for a parameter all; attribute
+                                                         ``constant``: whether all are the same but for round-off
 ``.../mean``, ``std``                    ()              NaN where there are too few
 ``.../mean_standard_error``              ()              standard errors of these two estimates,
 ``.../std_standard_error``               ()
@@ -42,6 +43,11 @@ dataset                                  shape           content
                                                          describes those that did
 ``/probabilities/<label>/estimate``      ()              of the scene's ``ensemble.probabilities``; ``count`` of
 ``.../interval``                         (2)             ``samples`` came true; attribute ``event`` says what
+``.../failed``                           ()              samples that failed: outside the event at the interval's lower
+                                                         end, in it at the upper one
+``.../model_error``, ``holds_to``        ()              error of the output as a share of its largest size in a sample:
+                                                         estimated (NaN where not), and up to which the event is decided
+                                                         (attribute ``decided``) by this model
 ``/bands/<name>/time``, ``mean``,        (n_t)           each output over time, of the first samples
 ``std``                                                  (``ensemble.band_samples``) that are fine; ``count`` of them
 ``.../quantiles``                        (n_t,           attribute ``probabilities``

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -191,7 +192,7 @@ def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path)
     assert f"--set r1=5e-3: every sample takes 'r1' from --samples {table}; leave one of them out" in done.stderr
 
 
-# A rigid bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
+# A bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
 BAR = """
 [scene]
 name = "bar"
@@ -278,3 +279,10 @@ def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the
     assert found.statistics["still"].constant and "still" not in found.sobol
     assert next(line for line in said.splitlines() if line.split()[:1] == ["still"]).split()[2] == "constant"
     assert "note: still is constant" in said
+    # the sampler knows no more of heavy tails than others do, and says so
+    heavy = (
+        'parameters.a.distribution={name="lognorm",s=1.0,scale=0.1}',
+        'parameters.w.distribution={name="uniform",loc=0.4995,scale=1e-3}',
+    )
+    said = pgmp("montecarlo", tmp_path / "bar.h5", "-n", 512, *overridden(*heavy), "-o", tmp_path / "h.h5", status=None)
+    assert re.search(r"warning: the deviation of [a-z, ]*angle[a-z, ]* rests on a few samples", said.stdout)

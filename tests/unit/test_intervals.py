@@ -81,6 +81,10 @@ def test_a_deviation_that_few_values_decide_on_is_told() -> None:
     assert tail_remarks([("wild", heavy), ("same", np.ones(400))], chosen) == ()
     assert tail_remarks([("few", heavy)], np.arange(400) < FEWEST_OF_TAIL) == ()
     assert tail_remarks([("none", np.full(400, np.nan))], chosen) == ()
+    # evenly spread values of a heavy law, as Sobol points have them: none of them decides alone
+    even = stats.lognorm(0.8).ppf((np.arange(400) + 0.5) / 400)
+    assert tail_remarks([("even", even)], np.ones(400, dtype=bool)) == ()
+    assert len(tail_remarks([("even", even)], np.ones(400, dtype=bool), np.arange(400) % 8)) == 1
 
 
 @pytest.mark.parametrize("times", [0.0, 1.0, 3.0])
