@@ -50,7 +50,8 @@ def report(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
 def lines_of(result: RareEvent) -> list[str]:
     """Return the levels and the probability of a rare event."""
     unit = "" if result.unit == "1" else f" {result.unit}"
-    return [f"  rare event              {result.event}", *_levels(result, unit), *_probability(result), *_most_likely(result)]
+    found = [*_levels(result, unit), *_probability(result), *_most_likely(result)]
+    return [f"  rare event              {result.event}", *found]
 
 
 def _levels(result: RareEvent, unit: str) -> Iterator[str]:
@@ -84,7 +85,7 @@ def _most_likely(result: RareEvent) -> Iterator[str]:
     """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
     found = result.most_likely
     if found is None:
-        yield "  design point            none: no search for it came to an end (no derivatives, or too few samples left)"
+        yield "  design point            none: no search for it ended (no derivatives, or too few samples left)"
         return
     how = "exact derivatives" if found.is_exact else "differences"
     for beta, chance in zip(found.beta, found.probability):

@@ -109,7 +109,7 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
         if not len(u) or used + cost * len(u) > most:
             break
         turns = np.sum(step * before, axis=1)
-        part = np.where(turns < 0.0, np.maximum(0.5 * part, LEAST_PART), np.where(turns > 0.0, np.minimum(2.0 * part, 1.0), part))
+        part = np.clip(part * np.where(turns < 0.0, 0.5, np.where(turns > 0.0, 2.0, 1.0)), LEAST_PART, 1.0)
         before = step
         step = step * (part * np.minimum(1.0, LONGEST / length))[:, None]
         weight = 2.0 * np.sqrt(np.sum((u + step) ** 2, axis=1)) / norm + 1.0 / norm

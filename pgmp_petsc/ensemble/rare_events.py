@@ -7,13 +7,13 @@ Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): `
 w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
 that were found.
 
-Where a tenth of the samples or more have the same g and none, or next to none, is nearer (an output that is constant over
-most of the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g
-then; their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (as
-sequential Monte Carlo of Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436, along
-the deviation), which makes them points of a level (`_Chains.from_afar`). Where they find nothing, all runs that are left
-are plain samples, whose interval is Clopper and Pearson's. Where the levels come to their end before the event, the last
-of them is weighed in its place: its probability bounds that of the event.
+Where nine tenths of the samples have the same g, and few or none are nearer (an output that is constant over most of
+the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g then;
+their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (sequential
+Monte Carlo: Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436), which makes
+them points of a level (`_Chains.from_afar`). Where they find nothing, all runs that are left are plain samples, whose
+interval is that of a share. Where the levels come to their end before the event, the last of them is weighed in its
+place: its probability bounds that of the event.
 
 These points make the density q that further, independent samples are drawn from (`importance`), in rounds: the samples
 of every round that are in the event make the density of the next one. In the chains, parts of an event that lie apart
@@ -204,8 +204,8 @@ class RareSamples:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
 
         Student's t, with the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves
-        their variance (`intervals.freedom_of`): a few large weights decide on it. Of an event that was not reached it is
-        from 0 to the upper end of that of the level before it, or of the first samples, none of which is in it: the
+        their variance (`intervals.freedom_of`): a few large weights decide on it. Of an event that was not reached it
+        is from 0 to the upper end of that of the level before it, or of the first samples, none of which is in it: the
         smaller one, each of which holds with half of the doubt.
         """
         from scipy.special import stdtrit
@@ -250,7 +250,8 @@ def find(
     d
         Number of variables.
     n_samples
-        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least 500.
+        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least
+        500.
     seed
         Of all random numbers.
     slopes
@@ -313,7 +314,8 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
         threshold, before = max(0.0, float(np.sort(g)[g.size // SHARE - 1])), g
         known = float(np.prod([level.share for level in levels]))
         passed, share, is_afar = np.flatnonzero(g <= threshold), None, False
-        if threshold > 0.0 and (threshold >= min([np.inf, *(level.threshold for level in levels)]) or passed.size == g.size):
+        last = levels[-1].threshold if levels else np.inf
+        if threshold > 0.0 and (threshold >= last or passed.size == g.size):
             passed = np.flatnonzero(g < threshold)
             if passed.size < FEWEST_SEEDS:
                 afar = chains.from_afar(threshold, least_left)
@@ -415,11 +417,11 @@ class _Chains:
     def from_afar(
         self, level: float, to_be_left: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-        """Return normal points with g below a level, shape (m, d), their g, the numbers of those they stem from, and the
-        probability of that.
+        """Return normal points with g below a level, shape (m, d), their g, the numbers of those they stem from, and
+        the probability of that.
 
-        None where samples of no deviation find any. Points that stem from the same one compete with each other alone: of
-        parts of an event none is lost on the way. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
+        None where samples of no deviation find any. Points that stem from the same one compete with each other alone:
+        of parts of an event none is lost on the way. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
         leaves about half of the samples their worth.
         """
         random, d = self.random(), self._d
@@ -513,7 +515,7 @@ class _Chains:
 
 
 def _next_deviation(deviation: float, points: np.ndarray) -> float:
-    """Return the next smaller deviation, 1 at least, at which points of this one are worth `OF_WORTH` of their number."""
+    """Return the next smaller deviation, 1 at least, at which points are worth `OF_WORTH` of their number."""
     squares, precision = np.sum(points**2, axis=1), deviation**-2.0
 
     def is_enough(other: float) -> bool:

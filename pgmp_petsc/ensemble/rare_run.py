@@ -200,8 +200,9 @@ class _Runs:
     def most_likely(self, design: DesignPoints | None) -> MostLikely | None:
         """Return design points as a result has them.
 
-        Shares are the squares of alpha; of correlated parameters, whose normal variables are ``z = L u``, those of ``L^-T
-        alpha`` over their sum (Haukaas and Der Kiureghian, Journal of Engineering Mechanics 131 (2005) 1013-1026).
+        Shares are the squares of alpha; of correlated parameters, whose normal variables are ``z = L u``, those of
+        ``L^-T alpha`` over their sum (Haukaas and Der Kiureghian, Journal of Engineering Mechanics 131 (2005)
+        1013-1026).
         """
         if design is None:
             return None
@@ -232,7 +233,8 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel), confidence), *draw_remarks(scene))
+    remarks = rare_remarks(found, status, isinstance(model, FullModel), confidence)
+    said = (*scene.remarks, *remarks, *draw_remarks(scene))
     stepping = stepping_names(scene)
     if stepping:
         text = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
@@ -350,9 +352,9 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
         )
     if found.is_weak and not found.weighed > 0.0:
         return (
-            f"the event was found, but its {found.weights.size} weighted samples are worth {found.n_effective:.2g} equally "
-            f"weighted ones, of which no probability follows; of {found.levels[0].before.size} plain random samples none "
-            f"is in it: at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
+            f"the event was found, but its {found.weights.size} weighted samples are worth {found.n_effective:.2g} "
+            f"equally weighted ones, of which no probability follows; of {found.levels[0].before.size} plain random "
+            f"samples none is in it: at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
         )
     return (
         f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "

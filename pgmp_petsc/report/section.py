@@ -17,7 +17,7 @@ from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.datum import Datum, Interval, Place, Sentence, in_words
 from pgmp_petsc.report.downloads import Download, downloads_of
 from pgmp_petsc.report.film import Film, film_of
-from pgmp_petsc.report.sources import Build, Source
+from pgmp_petsc.report.sources import READERS, Build, Source
 from pgmp_petsc.report.verdict import verdict
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
@@ -330,7 +330,8 @@ def _rare_event(source: Source) -> Table:
         name, share = found.names[k], likely.shares[0, k]
         value = likely.parameters[name][0]
         at = Datum(value, f"{value:.5g}", source.name, f"/most_likely/parameters/{name}", "0")
-        rows.append([[name], [at], [Datum(share, f"{100 * share:.1f}", source.name, "/most_likely/shares", f"0,{k}"), " %"]])
+        part = Datum(share, f"{100 * share:.1f}", source.name, "/most_likely/shares", f"0,{k}")
+        rows.append([[name], [at], [part, " %"]])
     note = f"{source.name}: {found.event}, {100 * found.confidence:g} % interval of {len(found.status)} samples"
     lines = "; parameters, in SI units, are those at the first design point, with their shares in the event"
     return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
@@ -364,7 +365,7 @@ def _cost(sources: Sequence[Source]) -> Table:
 
 def _origins(sources: Sequence[Source]) -> Table:
     """Return what each file is and which program wrote it."""
-    names = {Trajectory: "trajectory", Ensemble: "ensemble", Tradeoff: "tradeoff", RareEvent: "rare_event", Build: "rom"}
+    names = {reader: kind for kind, reader in READERS.items()}
     rows = []
     for source in sources:
         kind, model = KINDS[names[type(source.result)]], getattr(source.result, "model", "")

@@ -4,9 +4,10 @@ A coefficient r is that of the normal variables ``Phi^-1(F(x))`` behind two para
 the same for normal distributions, and about as large for others; their rank correlation (Spearman's) is
 ``6 / pi asin(r / 2)`` (Kruskal, Journal of the American Statistical Association 53 (1958) 814-861).
 
-With ``ensemble.copula = "student"`` these variables have a common multivariate t distribution with the matrix of r (Demarta
-and McNeil, International Statistical Review 73 (2005) 111-129): Kendall's coefficient is ``2 / pi asin(r)`` as before, and
-extremes of two come together with the probability ``2 t_(f + 1)(-sqrt((f + 1) (1 - r) / (1 + r)))``, of normal ones 0.
+With ``ensemble.copula = "student"`` these variables have a common multivariate t distribution with the matrix of r
+(Demarta and McNeil, International Statistical Review 73 (2005) 111-129): Kendall's coefficient is ``2 / pi asin(r)`` as
+before, and extremes of two come together with the probability ``2 t_(f + 1)(-sqrt((f + 1) (1 - r) / (1 + r)))``, of
+normal ones 0.
 """
 
 from __future__ import annotations

@@ -111,7 +111,11 @@ class Uniform:
 
 
 #: Laws of our own: the key that each needs, and all that it has.
-OWN = {"discrete": ("values", ("values", "weights")), "empirical": ("values", ("values",)), "mixture": ("of", ("of", "weights"))}
+OWN = {
+    "discrete": ("values", ("values", "weights")),
+    "empirical": ("values", ("values",)),
+    "mixture": ("of", ("of", "weights")),
+}
 FEWEST = {"discrete": 1, "empirical": 2, "mixture": 1}
 MOST_VALUES = 10_000  # every file carries them
 SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
@@ -132,11 +136,12 @@ class Distribution(Table):
     __pydantic_extra__: dict[str, Number]
 
     name: str = Field(
-        description="name of a continuous distribution of scipy.stats, such as norm; or discrete (values with weights), "
-        "empirical (measured values, straight lines between them), mixture (of other distributions)"
+        description="name of a continuous distribution of scipy.stats, such as norm; or discrete (values with "
+        "weights), empirical (measured values, straight lines between them), mixture (of other distributions)"
     )
     values: Annotated[tuple[Number, ...], _OrFile()] | None = Field(
-        None, description="of discrete and empirical: numbers, or a file with one in each line (the first may be a name)"
+        None,
+        description="of discrete and empirical: numbers, or a file with one in each line (the first may be a name)",
     )
     weights: tuple[Number, ...] | None = Field(
         None, description="of discrete and mixture: how often each comes, in any proportion; equal if not given"
@@ -231,7 +236,8 @@ class Distribution(Table):
         if self.weights is None:
             return
         if len(self.weights) != len(parts):
-            raise refusal(f"{len(parts)} are needed, one for each of {needed}; {len(self.weights)} are given", "weights")
+            given = f"{len(self.weights)} are given"
+            raise refusal(f"{len(parts)} are needed, one for each of {needed}; {given}", "weights")
         least = min(self.weights)
         if least < 0.0 or (least == 0.0 and self.name == "mixture") or not max(self.weights) > 0.0:
             raise refusal("numbers above 0 are needed, of discrete values 0 too but not of all", "weights")

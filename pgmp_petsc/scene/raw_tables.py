@@ -150,7 +150,8 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
         raise InputError(problem(entry, "no text file in UTF-8", name)) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(problem(entry, f"the file cannot be read ({reason}); it is sought in {directory}", name)) from error
+        sought = f"it is sought in {directory}"
+        raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
     numbers: list[float] = []
     for line, row in enumerate(text.splitlines(), 1):
         cell = row.strip().strip('"')

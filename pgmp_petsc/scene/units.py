@@ -2,7 +2,8 @@
 
 What a parameter is follows from the entries that name it: a radius is a length, a Young's modulus a pressure. Its
 `unit` says what its numbers are given in: nominal, value, bounds, and ``loc``, ``scale`` and ``values`` of its
-distribution (shape parameters have no unit). They are converted before the scene is validated; ``--set`` is in SI units whatever the unit.
+distribution (shape parameters have no unit). They are converted before the scene is validated; ``--set`` is in SI units
+whatever the unit.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def remembered(left: np.ndarray) -> tuple[int, float]:
 
 
 def autocorrelation(left: np.ndarray) -> np.ndarray:
-    """Return the correlations of what is left, (n,), with later measurements, from 1 of none later on to where they end.
+    """Return the correlations of what is left, (n,), with later values, from 1 of none later to where they end.
 
     Those of the autoregression whose order has the least information criterion (Schwarz, Annals of Statistics 6 (1978)
     461-464), by Yule and Walker's equations: 1 alone for independent noise. Its first correlations are what was found,

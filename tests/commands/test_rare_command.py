@@ -121,7 +121,8 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     assert f"probability             {found[0].estimate:.4g}" in done.stdout
     assert (folder / "pictures" / "rare_event.png").exists()
     page = (folder / "page.html").read_text()
-    for shown in ("Rare events", "design point 1", "-n 1000 --seed 0 --rare &#39;crank_angle &gt; 0.0024&#39;", 'data-path="/most_likely/beta"'):
+    asked = "-n 1000 --seed 0 --rare &#39;crank_angle &gt; 0.0024&#39;"
+    for shown in ("Rare events", "design point 1", asked, 'data-path="/most_likely/beta"'):
         assert shown in page, shown
     assert "-n 400: with --rare at least 500 samples are needed" in done.stderr
     assert "there is no output crank_angel; did you mean 'crank_angle'?" in done.stderr
@@ -135,7 +136,8 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
 def test_parameters_that_step_have_no_design_point_and_that_is_said(model: ReducedModel) -> None:
     from mpi4py import MPI
 
-    stepping = 'parameters.push={nominal=1.0, distribution={name="discrete", values=[0.9, 1.0, 1.2], weights=[5, 80, 1]}}'
+    law = '{name="discrete", values=[0.9, 1.0, 1.2], weights=[5, 80, 1]}'
+    stepping = f"parameters.push={{nominal=1.0, distribution={law}}}"
     other = ReducedModel(paper_scene(*UNCERTAIN, stepping), model.rom)
     result = run_rare_event(other, Event(output="crank_angle", above=2.4e-3), 1500, 1, MPI.COMM_SELF)
     assert result.reached and result.most_likely is None

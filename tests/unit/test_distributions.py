@@ -1,4 +1,4 @@
-"""Distributions beside those of scipy.stats: discrete, empirical, mixtures, tables of slow ones; and what is refused."""
+"""Distributions beside those of scipy.stats: discrete, empirical, mixtures, tables of slow ones; what is refused."""
 
 from __future__ import annotations
 
@@ -107,7 +107,8 @@ def test_a_scene_carries_the_values_of_a_file_in_si(tmp_path: Path) -> None:
     (tmp_path / "radii.csv").write_text('\ufeff"radius"\n5.1\n\n5.6\n6.2\n')
     text = scene_to_toml(slider_crank())
     head = 'parameters.r1={nominal=5.6, unit="mm", distribution='
-    for law in ('{name="empirical", values="radii.csv"}', '{name="mixture", of=[{name="discrete", values="radii.csv"}]}'):
+    own = '{name="discrete", values="radii.csv"}'
+    for law in ('{name="empirical", values="radii.csv"}', f'{{name="mixture", of=[{own}]}}'):
         scene = scene_from_toml(text, tmp_path, [f"{head}{law}}}"])
         found = scene.parameters["r1"].distribution
         values = found.values or found.of[0].values
@@ -202,5 +203,6 @@ def test_laws_agree_with_scipy_where_it_has_them() -> None:
     for share in (0.1, 1.0 / 6.0 + 1e-9, 0.5 + 1e-9, 0.99):
         assert own.ppf(share) == theirs.ppf(share)
     assert own.mean() == pytest.approx(theirs.mean()) and own.std() == pytest.approx(theirs.std())
-    assert Mixture([stats.norm(), stats.norm()], np.ones(2)).ppf(0.975) == pytest.approx(stats.norm.ppf(0.975), rel=1e-12)
+    twice = Mixture([stats.norm(), stats.norm()], np.ones(2))
+    assert twice.ppf(0.975) == pytest.approx(stats.norm.ppf(0.975), rel=1e-12)
     assert Empirical(np.array([0.0, 1.0])).std() == pytest.approx(np.sqrt(0.25 - 0.25 * 2.0 / 3.0 * 0.5), rel=1e-12)

@@ -209,7 +209,7 @@ ENTRIES = [
         (
             'parameters.r1.distribution.name = "###": no continuous distribution '
             "of scipy.stats; known are norm, uniform, lognorm, truncnorm, "
-            "weibull_min, ..."
+            "weibull_min, ..., and discrete, empirical, mixture"
         ),
     ),
     (

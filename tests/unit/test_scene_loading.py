@@ -120,6 +120,8 @@ def test_defaults(tmp_path: Path) -> None:
         "initial": {},
     }
     assert scene.ensemble.model_dump() == {
+        "copula": "gaussian",
+        "copula_freedom": 4.0,
         "bins": None,
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 512,
