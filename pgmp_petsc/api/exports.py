@@ -12,10 +12,11 @@ from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, check_rom
 from pgmp_petsc.code.constants import CORRECTIONS, MOST_CORRECTIONS, constants_of, tunable
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
-from pgmp_petsc.code.refusal import check_scene
+from pgmp_petsc.code.refusal import checked_scene, left_out
 from pgmp_petsc.code.source import write_sources
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -57,7 +58,13 @@ def export_model(
         _check(output, fmi)
         origin = Origin.of(rom, None, overrides, parameters)
     target = Path(output)
-    model = origin.prepared(comm, lambda scene: check_scene(scene, str(target)), told=False)
+    notes: list[str] = []
+
+    def without_what_is_left_out(scene: Scene) -> Scene:
+        notes.append(left_out(scene))
+        return checked_scene(scene, str(target))
+
+    model = origin.prepared(comm, without_what_is_left_out, told=False)
 
     def writing_the_model() -> str:
         constants = constants_of(model, str(target))
@@ -78,7 +85,8 @@ def export_model(
     fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in variable)
     if fixed:
         tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
-    tell(comm, f"  {LEFT_OUT}")
+    for note in (*filter(None, notes), LEFT_OUT):
+        tell(comm, f"  {note}")
     tell_remarks(comm, scene.remarks)
     return target
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
@@ -117,21 +118,26 @@ def run(
     target = place / PAGE if page is None else Path(page)
     loaded, meshes = read_scene(path, texts, settings, comm, Purpose.CHECK)
     steps = Steps(place)
-    on_root(comm, steps.make)
-    on_root(comm, check_output, target, "report", (path,))
-    with agreed(comm, "assembling the mechanism"):
-        mechanism = Mechanism.from_scene(loaded, meshes)
-        kinematics = RigidKinematics(mechanism)
-    tell_remarks(comm, loaded.remarks)
-    tell(comm, f"check      {_checked(loaded, mechanism)}")
-    key = identity(scene_to_toml(loaded), meshes, __version__)
-    job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, settings, texts)
-    job.build()
-    job.simulate()
-    job.compare()
-    job.sample(n, seed)
-    job.write_report(target)
-    return Done(tuple(job.files), target, tuple(job.failures))
+    with ExitStack() as held:
+
+        def holding_the_folder() -> None:
+            held.enter_context(steps.held())
+
+        on_root(comm, holding_the_folder)
+        on_root(comm, check_output, target, "report", (path,))
+        with agreed(comm, "assembling the mechanism"):
+            mechanism = Mechanism.from_scene(loaded, meshes)
+            kinematics = RigidKinematics(mechanism)
+        tell_remarks(comm, loaded.remarks)
+        tell(comm, f"check      {_checked(loaded, mechanism)}")
+        key = identity(scene_to_toml(loaded), meshes, __version__)
+        job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, settings, texts)
+        job.build()
+        job.simulate()
+        job.compare()
+        job.sample(n, seed)
+        job.write_report(target)
+        return Done(tuple(job.files), target, tuple(job.failures))
 
 
 def _checked(scene: Scene, mechanism: Mechanism) -> str:
@@ -167,6 +173,11 @@ class _Job:
     overrides: tuple[str, ...]
     files: list[Path] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
+
+    @property
+    def changes(self) -> str:
+        """How the scene's file is changed by options, for people; empty where it is not."""
+        return " ".join([*(f"--set {text}" for text in self.settings), *(f"--override {t}" for t in self.overrides)])
 
     @property
     def flexible(self) -> bool:
@@ -232,8 +243,10 @@ class _Job:
         def make(target: Path, resume: bool) -> str:
             with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
                 model, _ = settled(better.model, self.comm)
-                keeper.result(simulate_full(model, self.comm), self.path.parent)
-            return ""
+                data = simulate_full(model, self.comm)
+                keeper.result(data, self.path.parent)
+            why = self.comm.bcast("" if data is None else data.why_stopped)
+            return f"{why}; {target}, which the run is compared with, holds it up to there" if why else ""
 
         self._step("compare", BETTER, known, make, self._headline_of_comparison)
 
@@ -296,6 +309,7 @@ class _Job:
         """Write the page of all files that are there."""
         from pgmp_petsc.report.page import write_report
 
+        on_root(self.comm, self.steps.check_files, [file.name for file in self.files])
         for line in on_root(self.comm, write_report, self.files, page):
             self._say("report", line)
 
@@ -309,7 +323,8 @@ class _Job:
             return
         key = self._key(name, known)
         resume = not self.force and on_root(comm, self.steps.was_begun, name, key)
-        on_root(comm, self.steps.begin, name, key)
+        self._say_what_is_replaced(title, name)
+        on_root(comm, self.steps.begin, name, key, self.changes)
         try:
             with untold():
                 failure = make(target, resume)
@@ -320,6 +335,16 @@ class _Job:
             failure = str(error)
         on_root(comm, self.steps.finish, name, key, failure)
         self._take(title, name, headline, again=False)
+
+    def _say_what_is_replaced(self, title: str, name: str) -> None:
+        """Say whose file a step is going to replace, unless the same is asked for again with --force."""
+        before = on_root(self.comm, self.steps.replaced, name)
+        if before is None or (self.force and before == self.changes):
+            return
+        whose = before or "the scene without options"
+        if before == self.changes:
+            whose = "an earlier state of the scene, its meshes or the number of samples"
+        self._say(title, f"replaces {self._of(name)} of {whose}; -o FOLDER keeps both")
 
     def _key(self, name: str, known: tuple) -> str:
         """Return the checksum of what a file is made from: the scene, its meshes, and what else is known."""

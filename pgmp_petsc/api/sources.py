@@ -72,10 +72,13 @@ class Origin:
         """Folder that paths of the scene are relative to."""
         return directory_of(self.source)
 
-    def prepared(self, comm: MPI.Comm, check: Callable[[Scene], None] = lambda scene: None, told: bool = True) -> Model:
+    def prepared(
+        self, comm: MPI.Comm, check: Callable[[Scene], Scene | None] = lambda scene: None, told: bool = True
+    ) -> Model:
         """Return the model, with the step of its scene. Collective on `comm`.
 
-        `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here.
+        `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here;
+        it may return another scene to take.
 
         Raises
         ------
@@ -91,7 +94,7 @@ class Origin:
         else:
             scene, meshes = scene_and_meshes(self.source, PURPOSES[self.model], self.overrides, self.settings, comm)
         with agreed(comm, "looking at the scene"):
-            check(scene)
+            scene = check(scene) or scene
         tell_remarks(comm, scene.remarks if told else ())
         return reduced_model(scene, rom, comm) if rom is not None else mesh_model(scene, meshes, self.model, comm)
 

@@ -22,6 +22,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.section_scale import SectionScale
+from pgmp_petsc.mesh.incidence import bounds_one_cell, cell_faces
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, nearest_name
@@ -69,6 +70,8 @@ class Assembled:
         Nodes of every named set, shape (n,).
     groups
         Of names that hold faces of a mesh, these, shape (n_faces, n_face_nodes).
+    surface
+        Faces that bound one cell of a mesh; none without.
     face_kind
         Type of the faces; empty without.
     starts, columns
@@ -81,6 +84,7 @@ class Assembled:
     labels: np.ndarray
     sets: dict[str, np.ndarray]
     groups: dict[str, np.ndarray]
+    surface: np.ndarray
     face_kind: str
     starts: np.ndarray
     columns: np.ndarray
@@ -101,9 +105,13 @@ class Assembled:
         ]
         for matrix in both:
             matrix.sort_indices()
-        groups, kind = ({}, "") if mesh is None else (mesh.groups, reference_element(mesh.kind).face_kind)
+        groups, surface, kind = {}, np.zeros((0, 1), dtype=int), ""
+        if mesh is not None:
+            groups, kind = mesh.groups, reference_element(mesh.kind).face_kind
+            faces = cell_faces(mesh.kind, mesh.cells)
+            surface = faces[bounds_one_cell(faces)]
         k, m = both
-        return cls(nodes, labels, dict(sets), groups, kind, k.indptr, k.indices, k.data, m.data)
+        return cls(nodes, labels, dict(sets), groups, surface, kind, k.indptr, k.indices, k.data, m.data)
 
     @property
     def n_nodes(self) -> int:
@@ -154,16 +162,25 @@ class Assembled:
         return float(np.sqrt(max(energy, 0.0) / self.properties.mass))
 
     def frame(self, wanted: str | tuple[int, ...], entry: str) -> FaceFrame:
-        """Return the frame of a named set, of faces by their area where they are known, or of numbered nodes.
+        """Return the frame of a named set or of numbered nodes: of faces by their area where these are known, as those
+        of a mesh are that all belong to what is chosen; else of nodes that count alike.
 
         Raises
         ------
         InputError
             If there is no such set or node; `entry` is the scene's entry to blame, with what it asks for.
         """
+        faces, chosen = self.faces_of(wanted, entry)
+        if len(faces):
+            return FaceFrame.of(self.nodes, faces, self.face_kind)
+        return FaceFrame.of_nodes(self.nodes, chosen)
+
+    def faces_of(self, wanted: str | tuple[int, ...], entry: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the faces (n, n_face_nodes) that make up what is chosen, none where they are not known or leave some
+        of its nodes out, and its nodes; raises as `frame`."""
+        if isinstance(wanted, str) and wanted in self.groups:
+            return self.groups[wanted], np.unique(self.groups[wanted])
         if isinstance(wanted, str):
-            if wanted in self.groups:
-                return FaceFrame.of(self.nodes, self.groups[wanted], self.face_kind)
             if wanted not in self.sets:
                 known = {*self.groups, *self.sets}
                 raise InputError(f"{entry}: the file of the nodes has no set of this name{nearest_name(wanted, known)}")
@@ -173,7 +190,8 @@ class Assembled:
             lost = [number for number in wanted if number not in self.labels]
             if lost:
                 raise InputError(f"{entry}: the file of the nodes has no node {lost[0]}")
-        return FaceFrame.of_nodes(self.nodes, chosen)
+        faces = self.surface[np.isin(self.surface, chosen).all(axis=1)]
+        return (faces if np.isin(chosen, faces).all() else faces[:0]), chosen
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,12 @@ a circle. That of a rectangle with the longer side a and the shorter side b is (
     J = k a b^3,    k(x) = 1/3 (1 - 192 / pi^5 x sum_odd tanh(n pi / (2 x)) / n^5),    x = b / a,
 
 which is one term where the ratio of the sides is fixed. Where it changes with parameters, k is that of the polynomial
-``1/3 (1 - 0.63 x (1 - x^4 / 12))``, scaled to be exact at the nominal values: three terms, 0.5 % off at most as long as
-the side that is shorter at the nominal values stays the shorter one.
+``1/3 (1 - 0.63 x (1 - x^4 / 12))``, scaled to be exact at the nominal values: three terms, 0.5 % off at most while the
+side that is shorter at the nominal values stays the shorter one. Where values of the parameters exchange both,
+
+    J = a^2 b^2 g(x),    g(x) = g(1/x) = sum_k c_k x^k,
+
+which is smooth, with c fitted over all ratios that the parameters have: three to nine terms, as few as are `NEAR` it.
 """
 
 from __future__ import annotations
@@ -25,6 +29,11 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.scene.bodies import Circle, Coefficients, Coefficients3d, Material, Rectangle
+
+NEAR = 3e-3  # of a torsion constant: how far a fit may be off it
+NEARLY_SQUARE = 0.8  # ratio of sides from which on they may exchange
+MOST_TERMS = 9
+WIDEST = 8.0  # ratio of sides up to which one fit is made on both sides of the square
 
 
 @dataclass(frozen=True)
@@ -98,9 +107,16 @@ class SpatialSection:
 
     @classmethod
     def of(
-        cls, section: Circle | Rectangle | Coefficients3d, material: Material | None, nominal: Mapping[str, float]
+        cls,
+        section: Circle | Rectangle | Coefficients3d,
+        material: Material | None,
+        nominal: Mapping[str, float],
+        spans: Mapping[str, tuple[float, float]] | None = None,
     ) -> SpatialSection:
-        """Derive the coefficients from a scene's section and material, which a section by coefficients has not."""
+        """Derive the coefficients from a scene's section and material, which a section by coefficients has not.
+
+        `spans` has the smallest and largest values that parameters take, where they vary.
+        """
         if isinstance(section, Coefficients3d):
             given = {name: Quantity.of(entry) for name, entry in section if name != "shape"}
             pairs = {name: (given[f"{name}_2"], given[f"{name}_3"]) for name in ("shear", "bending", "rotary")}
@@ -121,7 +137,7 @@ class SpatialSection:
         else:
             sides = Quantity.of(section.width), Quantity.of(section.height)
             inertia = tuple(one * other**3 * (1 / 12) for one, other in (sides[::-1], sides))
-            torsion = _of_rectangle(sides, nominal)
+            torsion = _of_rectangle(sides, nominal, spans or {})
         return cls(
             flat.axial,
             (flat.shear, flat.shear),
@@ -147,16 +163,48 @@ def _lever(inertia: tuple[Quantity, Quantity], nominal: Mapping[str, float]) -> 
     return (about_3 - about_2) / (about_2 + about_3)
 
 
-def _of_rectangle(sides: Sequence[Quantity], nominal: Mapping[str, float]) -> tuple[Quantity, ...]:
+def _of_rectangle(
+    sides: Sequence[Quantity], nominal: Mapping[str, float], spans: Mapping[str, tuple[float, float]]
+) -> tuple[Quantity, ...]:
     """Return the terms of a rectangle's torsion constant; see the module."""
     short, long = sorted(sides, key=lambda side: float(side.at(nominal)))
     ratio = float(short.at(nominal) / long.at(nominal))
-    n = np.arange(1, 200, 2)
-    exact = (1.0 - 192.0 / math.pi**5 * ratio * float(np.sum(np.tanh(n * math.pi / (2.0 * ratio)) / n**5))) / 3.0
+    exact = float(_square_share(ratio))
     if short.monomial == long.monomial:
-        return (exact * long * short**3,)
-    factor = exact / (1.0 - 0.63 * ratio * (1.0 - ratio**4 / 12.0))
+        return (exact / ratio * long * short**3,)
+    # of values at which each side is as short, or as long, as it gets
+    ends = [{name: spans.get(name, (value, value))[end] for name, value in nominal.items()} for end in (0, 1)]
+    least, most = ([float(side.at(values)) for side in (short, long)] for values in ends)
+    largest = most[0] / max(least[1], most[0] / WIDEST)
+    if largest > NEARLY_SQUARE:
+        smallest = max(least[0] / most[1], 1.0 / WIDEST)
+        return _fitted(short, long, np.geomspace(min(smallest, ratio), largest, 200), ratio)
+    factor = exact / ratio / (1.0 - 0.63 * ratio * (1.0 - ratio**4 / 12.0))
     return factor * long * short**3, -0.63 * factor * short**4, 0.0525 * factor * short**8 * long**-4
+
+
+def _fitted(short: Quantity, long: Quantity, ratios: np.ndarray, nominal: float) -> tuple[Quantity, ...]:
+    """Return the terms of a torsion constant over ratios (n,) of its sides on both sides of 1, exact at `nominal`."""
+    exact = _square_share(ratios)
+    for n in range(3, MOST_TERMS + 1, 2):
+        fits = []
+        for powers in np.arange(2 - n, n)[:, None] + np.arange(n) - n // 2:  # rows around the square, or to one side
+            rows = ratios[:, None] ** powers.astype(float)
+            found = np.linalg.lstsq(rows / exact[:, None], np.ones(ratios.size), rcond=None)[0]
+            found *= _square_share(nominal) / (found @ nominal ** powers.astype(float))
+            fits.append((float(np.max(np.abs(rows @ found / exact - 1.0))), found, powers))
+        error, found, powers = min(fits, key=lambda fit: fit[0])
+        if error < NEAR:
+            break
+    return tuple(float(c) * short ** int(2 + k) * long ** int(2 - k) for c, k in zip(found, powers))
+
+
+def _square_share(ratio: np.ndarray | float) -> np.ndarray:
+    """Return ``J / (a b)^2`` of rectangles with ratios of their sides, one of which is as good as its inverse."""
+    ratio = np.asarray(ratio, dtype=float)
+    x, n = np.minimum(ratio, 1.0 / ratio), np.arange(1, 200, 2)
+    series = np.sum(np.tanh(n * math.pi / (2.0 * x[..., None])) / n**5, axis=-1)
+    return x / 3.0 * (1.0 - 192.0 / math.pi**5 * x * series)
 
 
 def _by_monomial(sums: Iterable[Sequence[Quantity]]) -> dict[Monomial, tuple[float, ...]]:

@@ -21,8 +21,7 @@ def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
     lines += remark_lines(ensemble.record, said)
-    if ensemble.validity:
-        lines += estimates.of_ensemble(ensemble)
+    lines += estimates.of_ensemble(ensemble)
     lines += estimates.of_balance(ensemble)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)
@@ -38,8 +37,9 @@ def lines_of(ensemble: Ensemble) -> list[str]:
         lines.append(f"  probabilities, {_percent(level)} intervals")
         for label, chance in ensemble.probabilities.items():
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
-            came_true = f"{chance.count} of {chance.n} samples"
-            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {came_true}")
+            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {chance.count} of {chance.of}")
+            if not chance.is_decided():
+                lines.append(f"  {'':24s}{chance.doubt()}")
     lines += _corrected(ensemble)
     if ensemble.stopping is not None:
         lines += ensemble.stopping.lines()
@@ -61,13 +61,16 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
         title = f"{name}: first passage" if name in ensemble.first_passages else name
         mean = f"{_number(s.mean, s.mean_interval, 7):>14s} {_interval(s.mean_interval):26s}"
         std = f"{_number(s.std, s.std_interval, 6):>12s} {_interval(s.std_interval):26s}"
+        if s.constant:
+            mean, std = f"{s.mean:14.7g} {'':26s}", f"{'constant':>12s} {'':26s}"
         yield f"  {title:24s}{mean}{std}{s.count:9d} {_unit(ensemble, name)}".rstrip()
 
 
 def _quantiles(ensemble: Ensemble) -> Iterator[str]:
     """Yield the table of the outputs' quantiles, and between what they lie whatever failed samples would have been."""
     failed = bool(np.any(ensemble.status != 0))
-    known = [(name, ensemble.statistics[name]) for name in ensemble.outputs if ensemble.statistics[name].count]
+    known = [(name, ensemble.statistics[name]) for name in ensemble.outputs]
+    known = [(name, s) for name, s in known if s.count and not (s.constant and not failed)]
     if known:
         yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:

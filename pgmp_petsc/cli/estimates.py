@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from pgmp_petsc.results import Ensemble, EstimatedErrors
+from pgmp_petsc.results.errors import OF_STEP
 
 #: How the values of `VALIDITY` are written; those that are not known are left out.
 WRITTEN = {
@@ -19,7 +20,8 @@ WRITTEN = {
 
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str]) -> list[str]:
     """Return a line an output."""
-    lines = ["  estimated errors over the run, of the reduction and the time step"]
+    what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
+    lines = [f"  estimated errors over the run, of {what}"]
     for name in errors.outputs:
         lines.append(f"  {name:24s}{_error(errors.maximum(name), errors.share(name), units.get(name, '1'))}")
     return lines
@@ -31,9 +33,8 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
     found = dict(_known(ensemble.errors))
     if found:
         n_checked = max(known.size for known in found.values())
-        lines.append(
-            f"  estimated errors over the run, of the reduction and the time step; {n_checked} samples: median, largest"
-        )
+        what = "the reduction and the time step" if ensemble.model == "reduced" else "the time step"
+        lines.append(f"  estimated errors over the run, of {what}; {n_checked} samples: median, largest")
         for name, known in found.items():
             lines.append(f"  {name:24s}{np.median(known):14.2g}{np.max(known):14.2g} {ensemble.units[name]}")
     worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}

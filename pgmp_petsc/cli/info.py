@@ -80,7 +80,7 @@ def _estimates(found: Contents) -> list[str]:
     path = found.path
     if found.kind == "ensemble":
         ensemble = Ensemble.read(path)
-        of_errors = estimates.of_ensemble(ensemble) if ensemble.validity else []
+        of_errors = estimates.of_ensemble(ensemble)
         return [*ensemble_table.lines_of(ensemble), *of_errors, *estimates.of_balance(ensemble)]
     if found.kind == "rare_event":
         from pgmp_petsc.cli.rare import lines_of
@@ -91,12 +91,13 @@ def _estimates(found: Contents) -> list[str]:
         from pgmp_petsc.cli.gradient_tables import lines_of_file
 
         return lines_of_file(path, found.kind)
-    if found.kind != "trajectory" or not any(name.startswith("/validity/") for name in found.datasets):
+    known = ("/validity/", "/errors/")
+    if found.kind != "trajectory" or not any(name.startswith(known) for name in found.datasets):
         return []
     trajectory = Trajectory.read(path)
     errors = trajectory.errors
     lines = [] if errors is None else estimates.of_trajectory(errors, trajectory.units)
-    return [*lines, estimates.of_validity(trajectory.validity)]
+    return [*lines, estimates.of_validity(trajectory.validity)] if trajectory.validity else lines
 
 
 def _tradeoff(path: Path) -> str:

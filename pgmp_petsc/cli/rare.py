@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.results.rare_event import RareEvent
     from pgmp_petsc.runtime.remarks import Remark
 
+SHOWN = 12  # parameters of a design point
 WHY_ALONE = {
     "sampler": "samples follow from those before them",
     "samples": "samples follow from those before them",
@@ -48,7 +49,7 @@ def report(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
 def lines_of(result: RareEvent) -> list[str]:
     """Return the levels and the probability of a rare event."""
     unit = "" if result.unit == "1" else f" {result.unit}"
-    return [f"  rare event              {result.event}", *_levels(result, unit), *_probability(result)]
+    return [f"  rare event              {result.event}", *_levels(result, unit), *_probability(result), *_most_likely(result)]
 
 
 def _levels(result: RareEvent, unit: str) -> Iterator[str]:
@@ -61,7 +62,9 @@ def _levels(result: RareEvent, unit: str) -> Iterator[str]:
 
 def _probability(result: RareEvent) -> Iterator[str]:
     if not result.reached:
-        yield "  probability             unknown: not reached"
+        bound = result.interval[1]
+        most = f"at most {bound:.3g} ({100 * result.confidence:g} %)" if np.isfinite(bound) else "unknown"
+        yield f"  probability             {most}: not reached"
         return
     low, high = result.interval
     n_weighted = int(np.count_nonzero(result.weight))
@@ -74,3 +77,21 @@ def _probability(result: RareEvent) -> Iterator[str]:
         f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event; as many "
         f"random samples as are as good: {plain:.2g}"
     )
+
+
+def _most_likely(result: RareEvent) -> Iterator[str]:
+    """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
+    found = result.most_likely
+    if found is None:
+        yield "  design point            none: no search for it came to an end (no derivatives, or too few samples left)"
+        return
+    how = "exact derivatives" if found.is_exact else "differences"
+    for beta, chance in zip(found.beta, found.probability):
+        yield f"  design point            beta {beta:.4g}, first-order probability {chance:.4g} ({how})"
+    yield f"  {'most likely at':24s}{'value':>14s}{'share':>10s}"
+    order = np.argsort(-found.shares[0])
+    for k in order[:SHOWN]:
+        name = result.names[k]
+        yield f"    {name:22s}{found.parameters[name][0]:14.6g}{100 * found.shares[0, k]:8.1f} %"
+    if len(order) > SHOWN:
+        yield f"    {len(order) - SHOWN} others{100 * found.shares[0, order[SHOWN:]].sum():31.1f} %"

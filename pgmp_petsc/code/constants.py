@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.code.refusal import check_model, check_scene
+from pgmp_petsc.code.refusal import check_model, checked_scene
 from pgmp_petsc.code.statements import (
     ActionInC,
     Output,
@@ -39,13 +39,14 @@ from pgmp_petsc.results.errors import limits_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.scene.uses import velocity_names
+from pgmp_petsc.scene.uses import uses_of, velocity_names
 
 # Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
 # to six where loads set in with a jump (tests/verification/test_exported.py, in space).
 CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 # Of all three attempts at a step.
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
+STRENGTH_UNITS = {"torque": "N m", "force": "N", "gravity": "1"}  # by the type of the effect
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
@@ -101,8 +102,8 @@ class Constants:
         Local effects, and the slots of their nodes.
     outputs
         By name.
-    output_units, parameter_units
-        By name.
+    output_units, strength_units, parameter_units
+        By name; empty where nothing says which.
     node_bodies
         Body of every node of the tables.
     """
@@ -128,6 +129,7 @@ class Constants:
     action_slots: Sequence[int]
     outputs: Mapping[str, Output]
     output_units: Mapping[str, str]
+    strength_units: Mapping[str, str]
     parameter_units: Mapping[str, str]
     node_bodies: Sequence[int]
 
@@ -151,9 +153,11 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     InputError
         If the model has what a model in C does not have, or tables too large for a source file.
     """
-    check_scene(model.scene, what)
+    scene = checked_scene(model.scene, what)
+    if scene is not model.scene:
+        model = ReducedModel(scene, model.rom, model.kinematics)
     check_model(model, what)
-    terms, kinematics, scene = model.terms, model.kinematics, model.scene
+    terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
     held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.connection.sides)}
     nodes = sorted({*model.outputs.nodes, *held, *driven})
@@ -197,9 +201,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
         output_units=model.outputs.units,
-        parameter_units={
-            name: "SI" if (unit := scene.parameters[name].unit) is None else unit for name in tunable(scene)
-        },
+        strength_units={name: _unit_of_strength(name, scene) for name in over_time},
+        parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
         node_bodies=[int(bodies[node]) for node in nodes],
     )
 
@@ -209,6 +212,17 @@ def tunable(scene: Scene) -> dict[str, float]:
     as its mechanism is made with them, and velocities at the start, where it stands before it takes any."""
     fixed = {*length_names(scene), *velocity_names(scene).values()}
     return {name: value for name, value in scene.values.items() if name not in fixed}
+
+
+def _unit_of_strength(name: str, scene: Scene) -> str:
+    """Return the unit of a strength; that of a load's part is a factor of its parameter."""
+    return STRENGTH_UNITS.get(scene.effects[name].type, "") if name in scene.effects else "1"
+
+
+def _unit_of(name: str, scene: Scene) -> str:
+    """Return the SI unit of a parameter: what the scene says, or what the entries that name it take."""
+    used = (use.units for use in uses_of(scene) if use.parameter == name)
+    return scene.parameters[name].unit or next((units[0] for units in used if len(units) == 1), "")
 
 
 def _nodes(sides: Sequence) -> list[int]:

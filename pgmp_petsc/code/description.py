@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -9,6 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 from pgmp_petsc import __version__
 from pgmp_petsc.code.constants import Constants
 from pgmp_petsc.code.variables import BOOLEAN, REAL, TIME, WHOLE, Variable, variables_of
+from pgmp_petsc.scene.units import measure
 
 CATEGORIES = ("logStatusWarning", "logStatusError")
 KINDS = {
@@ -55,11 +57,12 @@ def description(constants: Constants, version: int, identifier: str, token: str,
                 SubElement(files, "File", name=name)
     else:
         simulation.set("fixedInternalStepSize", repr(step))
+    variables = variables_of(constants)
+    _define_units(root, sorted({variable.unit for variable in variables} - {""} | {"s"}))
     categories = SubElement(root, "LogCategories")
     for name in CATEGORIES:
         SubElement(categories, "Category", name=name)
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(step * n_steps), stepSize=repr(step))
-    variables = variables_of(constants)
     (_describe_2 if version == 2 else _describe_3)(root, variables)
     return _text(root)
 
@@ -79,6 +82,25 @@ def _text(root: Element) -> bytes:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
+def _define_units(root: Element, units: Sequence[str]) -> None:
+    """Define units by their exponents of kg, m, s and rad, which is a number where scenes calculate."""
+    definitions = SubElement(root, "UnitDefinitions")
+    for unit in units:
+        _, exponents = measure(unit)
+        above, _, below = unit.partition("/")
+        turns = above.split().count("rad") - below.split().count("rad")
+        known = dict(zip(("kg", "m", "s", "rad"), (*exponents, turns)))
+        base = {name: str(int(exponent)) for name, exponent in known.items() if exponent != 0}
+        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
+
+
+def _numbers(variable: Variable) -> dict[str, str]:
+    """Return unit, range and value at the start of a variable, as far as it has them."""
+    found = {"unit": variable.unit} if variable.unit else {}
+    found |= {key: str(end) for key, end in (("min", variable.low), ("max", variable.high)) if math.isfinite(end)}
+    return found | ({"start": variable.start} if variable.start else {})
+
+
 def _attributes(variable: Variable) -> dict[str, str]:
     return {
         "name": variable.name,
@@ -96,9 +118,7 @@ def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
         entry = SubElement(entries, "ScalarVariable", _attributes(variable))
         if variable.is_state:
             entry.set("initial", "calculated")
-        value = SubElement(entry, KINDS[2][variable.kind])
-        if variable.start:
-            value.set("start", variable.start)
+        value = SubElement(entry, KINDS[2][variable.kind], _numbers(variable))
         if variable.derivative_of is not None:
             value.set("derivative", str(numbers[variable.derivative_of]))
     structure = SubElement(root, "ModelStructure")
@@ -110,13 +130,11 @@ def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
 
 def _describe_3(root: Element, variables: Sequence[Variable]) -> None:
     entries = SubElement(root, "ModelVariables")
-    time = Variable("time", TIME, REAL, "independent", "continuous", "s")
+    time = Variable("time", TIME, REAL, "independent", "continuous", "time", unit="s")
     for variable in (time, *variables):
-        entry = SubElement(entries, KINDS[3][variable.kind], _attributes(variable))
+        entry = SubElement(entries, KINDS[3][variable.kind], _attributes(variable) | _numbers(variable))
         if variable.is_state:
             entry.set("initial", "calculated")
-        if variable.start:
-            entry.set("start", variable.start)
         if variable.derivative_of is not None:
             entry.set("derivative", str(variable.derivative_of))
     structure = SubElement(root, "ModelStructure")

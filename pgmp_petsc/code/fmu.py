@@ -10,7 +10,6 @@ import hashlib
 import platform
 import re
 import shutil
-import subprocess
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,11 +19,13 @@ from pgmp_petsc import __version__
 from pgmp_petsc.code.constants import Constants
 from pgmp_petsc.code.description import build_description, description
 from pgmp_petsc.code.source import COMPILED, HEAD, read_common, sources_of
+from pgmp_petsc.runtime.children import TIME_IS_OVER, run_child
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import replacing
 
 VERSIONS = (2, 3)
+LONGEST_COMPILING = 1800.0  # s; the largest tables that are written take some minutes
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 # what the versions call this machine; FMI 2.0 has no name for others that this program runs on
 PLATFORMS = {("Linux", "x86_64"): {2: "linux64", 3: "x86_64-linux"}}
@@ -80,8 +81,10 @@ def _compiled(texts: Mapping[str, str], files: Sequence[str], folder: Path, iden
         (folder / name).write_text(text, encoding="utf-8")
     library = folder / f"{identifier}.so"
     command = [compiler, *OPTIONS, "-o", library.name, *files, "-lm"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    done = run_child(command, LONGEST_COMPILING, cwd=folder)
+    if done.returncode == TIME_IS_OVER:
+        raise RunError(f"C compiler {compiler} had not ended after {LONGEST_COMPILING:g} s")
     if done.returncode != 0:
-        lines = done.stderr.strip().splitlines()
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
         raise RunError(f"C compiler {compiler} ended with status {done.returncode}: {lines[0] if lines else 'no word'}")
     return library

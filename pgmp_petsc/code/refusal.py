@@ -12,8 +12,8 @@ from pgmp_petsc.scene import Scene
 OUTPUTS = ("angle", "rotation", "position", "displacement", "deformation", "distance", "sliding")
 
 
-def check_scene(scene: Scene, what: str) -> None:
-    """Raise `InputError` if a scene asks for what a model in C does not have.
+def checked_scene(scene: Scene, what: str) -> Scene:
+    """Return a scene without the outputs that a model in C does not have; raise `InputError` if it asks for more.
 
     Parameters
     ----------
@@ -22,6 +22,16 @@ def check_scene(scene: Scene, what: str) -> None:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
+    left = {name: output for name, output in scene.outputs.items() if output.type in OUTPUTS}
+    return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
+
+
+def left_out(scene: Scene) -> str:
+    """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
+    lacking = [f"outputs.{name} ({output.type})" for name, output in scene.outputs.items() if output.type not in OUTPUTS]
+    if not lacking:
+        return ""
+    return f"note: {', '.join(lacking)} left out: a model in C has {', '.join(OUTPUTS)}; pgmp simulate has all outputs"
 
 
 def check_model(model: ReducedModel, what: str) -> None:
@@ -41,8 +51,5 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
     if scene.initial.equilibrium:
         yield "initial.equilibrium", "a model in C starts undeformed"
-    for name, output in scene.outputs.items():
-        if output.type not in OUTPUTS:
-            yield f"outputs.{name}", f"an output of type {output.type}; a model in C has {', '.join(OUTPUTS)}"
     if scene.simulation.tolerance is not None:
         yield "simulation.tolerance", "the step of a model in C is a constant; give simulation.step in the build"

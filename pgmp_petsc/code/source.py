@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.code.constants import Along, Constants
 from pgmp_petsc.code.statements import ActionInC, Output, Side, StatementInC
 from pgmp_petsc.effects.time_function import Piece
-from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.claims import check_output, locked
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
@@ -57,14 +57,15 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
     except OSError as error:
         raise InputError(f"output folder '{folder}' cannot be made: {error.strerror}") from error
     texts = sources_of(constants)
-    for name in texts:
-        check_output(folder / name, "code")
-    for name, text in texts.items():
-        with replacing(folder / name) as partial:
-            try:
-                partial.write_text(text, encoding="utf-8")
-            except UnicodeError as error:
-                raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
+    with locked(folder / "model.c", f"output folder '{folder}'"):  # files of two models make none
+        for name in texts:
+            check_output(folder / name, "code")
+        for name, text in texts.items():
+            with replacing(folder / name) as partial:
+                try:
+                    partial.write_text(text, encoding="utf-8")
+                except UnicodeError as error:
+                    raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
     return sum(len(text.encode()) for text in texts.values())
 
 

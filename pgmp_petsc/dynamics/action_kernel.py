@@ -17,13 +17,14 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_frames import Frames, Places, place_nodes
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import depth, law
+from pgmp_petsc.effects.laws import about_zero, depth, law
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 
 POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
+ABOUT = 4  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
 
 
 class Chosen(NamedTuple):
@@ -127,7 +128,9 @@ def allocate_local(local, r, n_eta):
 
 
 @njit(cache=True, error_model="numpy", counted=False)
-def act(local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, work, kept, acting, known):
+def act(
+    local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known
+):  # fmt: skip
     """Evaluate some actions on a block.
 
     Parameters
@@ -148,6 +151,8 @@ def act(local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tang
         Derivative of eta' with eta within a step, a vector.
     with_tangent
         Whether `acting.tangent` is wanted.
+    limiting
+        Whether laws are limited (`laws.about_zero`).
     work
         See `LocalWork`.
     kept
@@ -156,7 +161,7 @@ def act(local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tang
         Result, of this block.
     known
         Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
-        (N or N m); shape (n_samples, 4, n_actions).
+        (N or N m); shape (n_samples, 4, n_actions). In a fifth row, rates are kept for the next iterate.
     """
     places, actions = local.places, local.actions
     n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
@@ -179,13 +184,33 @@ def act(local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tang
         )  # fmt: skip
         project(v, work)
         store(work.measured, MEASURE, s)
-        _obey(actions, action, amplitudes, samples, lanes, work.measured, known)
+        _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known)
         force = load(work.measured, STRENGTH)
         for i in range(n):
             add(acting.balance, i, -force * load(work.projected, i))
         if with_tangent:
             stiffness = load(work.measured, STIFFNESS) + gain_v * load(work.measured, DAMPING)
             _add_tangent(stiffness, force, work, acting.tangent)
+
+
+@njit(error_model="numpy", counted=False)
+def forget_rates(known, samples, lanes):
+    """Begin an iteration of some lanes: no law is known to have been evaluated."""
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for action in range(known.shape[2]):
+                known[samples[lane], ABOUT, action] = np.nan
+
+
+@njit(error_model="numpy", counted=False)
+def limited_lanes(known, samples, lanes):
+    """Return those of some lanes of which a law was limited."""
+    found = 0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for action in range(known.shape[2]):
+                found |= np.int64(np.isnan(known[samples[lane], ABOUT, action])) << lane
+    return found
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -235,7 +260,7 @@ def project(v, work):
 
 
 @njit(error_model="numpy", counted=False)
-def _obey(actions, action, amplitudes, samples, lanes, measured, known):
+def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known):
     """Evaluate an action's law in some lanes, no force in others, and note what is `known`."""
     kind = actions.laws[action]
     for lane in range(LANES):
@@ -245,6 +270,11 @@ def _obey(actions, action, amplitudes, samples, lanes, measured, known):
         p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
         s, rate = measured[MEASURE, lane], measured[RATE, lane]
         force, stiffness, damping, elastic, potential = law(kind, p, amplitudes[action, lane], s, rate)
+        limited = limiting and about_zero(kind, p, rate, of_sample[ABOUT, action])
+        if limited:
+            damping = p[0] / p[1]
+            force = -damping * rate
+        of_sample[ABOUT, action] = np.nan if limited else rate
         measured[STRENGTH, lane], measured[STIFFNESS, lane], measured[DAMPING, lane] = force, stiffness, damping
         of_sample[POWER, action], of_sample[STORED, action] = (force - elastic) * rate, potential
         of_sample[DEPTH, action], of_sample[FORCE, action] = depth(kind, p, s), force

@@ -123,7 +123,9 @@ class AlphaStep:
     (`StepsTaken`, up to one in which a sample is lost), and is valid everywhere; what fails there is tried here. One
     with events can also put samples of a step into another one (``with_samples``). A step is told what the one before
     has left: the accelerations at its beginning, from which it extrapolates, and the contraction to expect. A system
-    with a method ``count_turns`` keeps turns in its states.
+    with a method ``count_turns`` keeps turns in its states. One with a method ``limited`` has laws that a correction may
+    take at another rate than the iterate's (`effects.laws.about_zero`): it is told where an iteration begins
+    (``begin_iteration``), and one goes on as long as its sample is among the limited ones, a mask (n_samples,).
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
     accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
@@ -150,6 +152,7 @@ class AlphaStep:
         self._system = system
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
+        self._limits = hasattr(system, "limited")
         self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
         self.goes_far = self._by_itself and not (self._projects or system.n_events)
         self._ahead: deque[StepTaken] = deque()
@@ -297,9 +300,13 @@ class AlphaStep:
         lost = np.zeros_like(alive)
         active = alive.copy()
         last = np.full(active.shape, np.inf)
+        if self._limits:
+            self._system.begin_iteration()
         for iteration in range(MAX_ITERATIONS):
             fresh = iteration % refresh_every == 0
             size = self._system.correct(time, state, scheme, active, fresh)
+            if self._limits:
+                last[self._system.limited()] = 0.0  # nothing follows from the size of the last correction
             self.n_iterations += int(active.sum())
             judge(iteration, size, last, expected, active, lost)
             if not active.any():
@@ -315,6 +322,8 @@ class AlphaStep:
         like their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
         """
         active, lost = alive.copy(), np.zeros_like(alive)
+        if self._limits:
+            self._system.begin_iteration()
         for _ in range(CAREFUL_ITERATIONS):
             before = state.copy()
             size = self._system.correct(time, state, scheme, active, True)
@@ -328,7 +337,7 @@ class AlphaStep:
                     break
                 self._system.restore(state, _halfway(before, state), long)
                 size = np.where(long, 0.5 * size, size)
-            active &= size > NEWTON_TOLERANCE
+            active &= (size > NEWTON_TOLERANCE) | (self._limits and self._system.limited())
             if not active.any():
                 break
         return state, lost | active

@@ -160,6 +160,14 @@ class FullBatch:
         itself = np.empty((self._blocks.n_blocks, 0, self._blocks.n_lanes))
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), itself, active, fresh)
 
+    def begin_iteration(self) -> None:
+        """Forget at which rates laws were evaluated; see `AlphaStep`."""
+        self._equations.problem.actions.about[:] = np.nan
+
+    def limited(self) -> np.ndarray:
+        """Return the samples of which a law was limited in the last correction."""
+        return self._blocks.unpack(np.isnan(self._equations.problem.actions.about).any(axis=1))
+
     def turns(self, theta: np.ndarray) -> np.ndarray:
         """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""
         return self._equations.turns(theta)

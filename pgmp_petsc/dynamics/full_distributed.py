@@ -186,6 +186,14 @@ class FullDistributed:
         state.multipliers -= multipliers
         return np.array([self._size_of(step)])
 
+    def begin_iteration(self) -> None:
+        """Forget at which rates laws were evaluated; see `AlphaStep`."""
+        self._problem.actions.about[:] = np.nan
+
+    def limited(self) -> np.ndarray:
+        """Return whether a law was limited in the last correction, the same on all ranks. Collective on `comm`."""
+        return np.array([any(self.comm.allgather(bool(np.isnan(self._problem.actions.about).any())))])
+
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         if state.turns.size:

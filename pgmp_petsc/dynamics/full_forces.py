@@ -44,6 +44,8 @@ class BlockActions(NamedTuple):
         Where the matrix stores these entries, shape (n_entries,).
     counted
         Whether an action is counted here, in sums over all ranks, shape (n_actions,).
+    about
+        As for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes).
     """
 
     statements: NodeStatements
@@ -53,6 +55,7 @@ class BlockActions(NamedTuple):
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     counted: np.ndarray
+    about: np.ndarray
 
 
 class Acted(NamedTuple):
@@ -75,8 +78,8 @@ def add_loads(loads, width, block, amplitudes, share, x, place):
 
 
 @njit(cache=True, error_model="numpy")
-def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents):
-    """Evaluate the actions of a block at q and v (n_dofs, n_lanes).
+def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
+    """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
 
     Angles are those nearest to `turns`, shape (n_actions, n_lanes), rad, or (0, n_lanes) in the plane, where they count
     turns by themselves.
@@ -92,9 +95,10 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents):
             for lane in range(n_lanes if dof >= 0 else 0):
                 y[k, i, lane], rates[k, i, lane] = q[dof, lane], v[dof, lane]
     known = turns if turns.shape[0] else np.zeros((n, n_lanes))
+    about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
         Actions(loaded(actions.statements), actions.laws, actions.parameters[block]), actions.entries, amplitudes, y,
-        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, forces, tangents, powers, stored, depths,
+        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers, stored, depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)
 
@@ -102,7 +106,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents):
 @njit(cache=True, error_model="numpy")
 def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
     """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""
-    now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh)
+    now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh, gains[0] != 0.0)
     forces, tangents = items(now.forces, width), items(now.tangents, width)
     x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
     n, m = actions.dofs.shape
@@ -113,6 +117,23 @@ def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fr
     for entry in range(actions.positions.size if fresh else 0):
         add_entry(actions.positions[entry], gains[2] * share * tangents[entry], diagonal, lower)
     keep(now)
+
+
+@njit(inline="always")
+def forget_rates(about):
+    """Begin an iteration: no law, (n_actions, n_lanes), is known to have been evaluated."""
+    for action in range(about.shape[0]):
+        for lane in range(about.shape[1]):
+            about[action, lane] = np.nan
+
+
+@njit(inline="always")
+def doubt_limited(about, last):
+    """Let nothing follow from the size of the last correction, (n_lanes,), where this one had a limited law."""
+    for action in range(about.shape[0]):
+        for lane in range(about.shape[1]):
+            if np.isnan(about[action, lane]):
+                last[lane] = 0.0
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -160,6 +160,7 @@ class FullEquations:
         actions = BlockActions(
             compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
             self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),
+            np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
         )  # fmt: skip
         counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
         units = np.full(self.n_dofs, 1.0 / kinematics.size)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
+from pgmp_petsc.dynamics.full_forces import doubt_limited, forget_rates
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
 from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
@@ -96,6 +97,7 @@ def _take_steps_of_block(
     about = reference[0].shape[0] > 0
     q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
+    rates = borrowed(problem.actions.about)[block]
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
         forces, counted = after[3][k, block], after[4][k, block]
@@ -113,6 +115,7 @@ def _take_steps_of_block(
             _add(width, 1.0, reference[2][k, block], ahead[2])
         state = ahead[0], ahead[1], ahead[2], forces, counted
         going = lanes
+        forget_rates(rates)
         for iteration in range(MAX_ITERATIONS):
             if going == 0:
                 break
@@ -123,6 +126,7 @@ def _take_steps_of_block(
                 problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh, scale,
                 size,
             )  # fmt: skip
+            doubt_limited(rates, last)
             judge(iteration, size, last, expected, active, lost)
             going = lanes_of(active)
         for lane in range(samples.size):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.effects.laws import depth, law
+from pgmp_petsc.effects.laws import about_zero, depth, law
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.runtime.compiled import njit
 
 
 @njit(cache=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, forces, tangents, powers, stored,
-    depths
+    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, about, forces, tangents, powers,
+    stored, depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
 
@@ -32,6 +32,10 @@ def evaluate_actions(
         Derivative of velocities with positions in the iteration, 1/s.
     with_tangents
         Whether the tangents are wanted, whose second derivatives cost more than all the rest.
+    about
+        Of an iteration, the rates at which laws were evaluated last, shape (n_actions, n_samples): NaN before the
+        first, and where one is limited (`laws.about_zero`); brought up to date. None, (0, n_samples), where laws are
+        to be taken as they are.
     forces, tangents
         Results: force on the unknowns, shape (n_actions, 2 m, n_samples), and minus its derivative, the mean of each
         entry and its mirror, shape (n_entries, n_samples).
@@ -53,6 +57,12 @@ def evaluate_actions(
             for i in range(2 * m):
                 rate += g[i] * rates[k, i, sample]
             force, stiffness, damping, elastic, potential = law(actions.laws[k], p, amplitudes[k], s, rate)
+            if about.shape[0]:
+                limited = with_tangents and about_zero(actions.laws[k], p, rate, about[k, sample])
+                if limited:
+                    damping = p[0] / p[1]
+                    force = -damping * rate
+                about[k, sample] = np.nan if limited else rate
             powers[k, sample] = (force - elastic) * rate
             stored[k, sample] = potential
             depths[k, sample] = depth(actions.laws[k], p, s)

@@ -248,7 +248,8 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                 store(now, k, spread(amplitudes[instant, k]))
             act(
                 equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
-                spread(gain_v), with_tangent, local, places_of(memory, block), acting_of(memory, block), memory.known,
+                spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local, places_of(memory, block),
+                acting_of(memory, block), memory.known,
             )  # fmt: skip
             for lane in range(LANES):
                 if active[block] & (1 << lane):

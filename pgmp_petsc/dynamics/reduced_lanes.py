@@ -8,7 +8,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.action_frames import KeptPlaces
-from pgmp_petsc.dynamics.action_kernel import Acting
+from pgmp_petsc.dynamics.action_kernel import ABOUT, Acting
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
@@ -93,7 +93,7 @@ class ReducedLanes:
                 *(aligned_zeros((n_acting, table.shape[2], LANES)) for table in (local.rigid, local.shapes)),
             ),
             Acting.empty(n_acting, layout.n_eta),
-            np.empty((self._blocks.n_samples, 4, n_actions)),
+            np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
         )
 
     def nothing_acting(self) -> Acting:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local
+from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local, forget_rates, limited_lanes
 from pgmp_petsc.dynamics.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
 from pgmp_petsc.dynamics.alpha_step import (
     CAUTION,
@@ -146,8 +146,8 @@ def _advance_block(
         if edges.size > 0 and done != 0:
             act(
                 equations.local, equations.local.with_edges, equations.grid, clocks.strengths.actions, work.q,
-                work.rate, samples, done, spread(0.0), np.bool_(False), local, places_of(memory, block),
-                acting_of(memory, block), memory.known,
+                work.rate, samples, done, spread(0.0), np.bool_(False), np.bool_(False), local,
+                places_of(memory, block), acting_of(memory, block), memory.known,
             )  # fmt: skip
             begun, onward, done, failed = look_at_all(
                 search, done, steps[2], memory.known, DEPTH, edges, samples, progress.beyond
@@ -280,14 +280,18 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     last, active, lost = spread(np.inf), lanes, 0
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
+    forget_rates(memory.known, memory.samples[block], lanes)
     for iteration in range(MAX_ITERATIONS):
         fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
-                memory.samples[block], active, gain_v, fresh, local, places_of(memory, block), acting_of(memory, block),
-                memory.known,
+                memory.samples[block], active, gain_v, fresh, fresh, local, places_of(memory, block),
+                acting_of(memory, block), memory.known,
             )  # fmt: skip
+            # nothing follows from the size of the last correction
+            limited = limited_lanes(memory.known, memory.samples[block], active)
+            last = blend(limited, spread(0.0), last)
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)

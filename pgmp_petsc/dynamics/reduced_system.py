@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import ABOUT, DEPTH, FORCE, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
@@ -117,6 +117,14 @@ class ReducedSystem:
         self._strengths.prescribe(time, state, active)
         self._act(time, state, scheme.gain_v, active, fresh)
         return self._correct(self._equations, self._memory, self._strengths.at(time), state, scheme, active, fresh)
+
+    def begin_iteration(self) -> None:
+        """Forget at which rates laws were evaluated; see `AlphaStep`."""
+        self._memory.known[:, ABOUT] = np.nan
+
+    def limited(self) -> np.ndarray:
+        """Return the samples of which a law was limited in the last correction."""
+        return np.isnan(self._memory.known[:, ABOUT]).any(axis=1)
 
     def _correct(
         self, equations: Equations, memory: Memory, strengths: Strengths, state: State, scheme: Scheme,

@@ -11,6 +11,12 @@ law                    F                                               parameter
 ====================== =============================================== ==============================================
 
 The stop's damping is that of Hunt and Crossley (1975): its force begins at zero, so that it is continuous at contact.
+
+On a light node Newton's iteration jumps between both branches of friction: from either of them, where the force hardly
+changes, it goes far beyond the other. The forces of a step, ``b``, and the inertia in it, ``A v``, meet friction where
+``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed zero
+from beyond the speed of the law is therefore taken up from zero (`about_zero`), as circuit simulators limit the voltage
+at a junction (Nagel 1975, SPICE2, section 5.2), and what follows is monotonic.
 """
 
 from __future__ import annotations
@@ -66,3 +72,17 @@ def law(kind, p, amplitude, s, rate):
     if braking <= 0.0:
         return 0.0, 0.0, 0.0, elastic, stored
     return elastic * braking, p[0] * braking, p[0] * p[1] * entered, elastic, stored
+
+
+@njit(cache=True, error_model="numpy")
+def about_zero(kind, p, rate, about):
+    """Return whether an iterate's friction is to be linearised about zero rather than about its own rate.
+
+    Parameters
+    ----------
+    kind, p, rate
+        As of `law`.
+    about
+        Rate about which the iterate before was linearised in the same step; NaN for the first one.
+    """
+    return kind == FRICTION and abs(about) > p[1] and about * rate < 0.0

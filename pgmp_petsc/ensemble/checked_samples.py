@@ -11,50 +11,37 @@ from __future__ import annotations
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.indicator.coverage import is_estimated
-from pgmp_petsc.indicator.schedule import schedules
+from pgmp_petsc.indicator.error_indicator import FINER
+from pgmp_petsc.indicator.schedule import most_evaluations, price_of_evaluation, schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene import Scene
 
 PERIOD = 10_000
 SHARE = 0.02
 PRICE = 0.25
-EVALUATIONS = 260  # of both sets of instants that an estimate has at least, corrections of all of them included
-# us of one core: an unknown of a beam, a pair of unknowns of a condensed body, a reduced coordinate in a step, a body
-# that is placed
-OF_BEAM, OF_PAIR, OF_STEP, OF_PLACE = 0.8, 0.17, 0.09, 200.0
+OF_STEP, OF_PLACE = 0.09, 200.0  # us of one core: a reduced coordinate in a step, a body that is placed
 FEWEST = 1_000  # samples of which a share is taken, where there are less: already a small ensemble has some
 
 
 def share_of(model: Model) -> float:
-    """Return the share of a model's samples that are checked; of a reduced model alone there are any."""
-    if not (isinstance(model, REDUCED) and is_estimated(model.scene)):
+    """Return the share of a model's samples that are checked."""
+    if not is_estimated(model.scene):
         return 0.0
     given = model.scene.ensemble.checked_share
+    if not isinstance(model, REDUCED):  # a fifth of the price of a run
+        return SHARE if given is None else given
     return min(SHARE, PRICE / price_of(model)) if given is None else given
 
 
 def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
-    evaluation = 0.0
-    for body in mechanism.bodies:
-        n = mechanism.space.n_pose * body.n_nodes + body.n_internal
-        evaluation += OF_BEAM * n if body.component is None or body.component.rigid else OF_PAIR * n**2
-    step = OF_STEP * (tables.n_coordinates + tables.n_modes)
-    estimate = _evaluations(model.scene) * evaluation
+    n_steps = count_steps(simulation.duration, simulation.step)
+    evaluations = sum(one.steps.size for one in schedules(n_steps, simulation.duration, most_evaluations(mechanism)))
+    estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places
-    return estimate / (count_steps(simulation.duration, simulation.step) * step)
-
-
-def _evaluations(scene: Scene) -> float:
-    """Return how many evaluations an estimate is taken to have."""
-    if all(effect.type != "end_stop" for effect in scene.effects.values()):
-        return EVALUATIONS
-    duration = scene.simulation.duration
-    densest = schedules(count_steps(duration, scene.simulation.step), duration)[-2:]  # compared with one another
-    return max(EVALUATIONS, sum(schedule.steps.size for schedule in densest))
+    return FINER + estimate / (n_steps * OF_STEP * (tables.n_coordinates + tables.n_modes))
 
 
 def checked(share: float, n_samples: int) -> list[tuple[int, int]]:

@@ -17,25 +17,27 @@ from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.origin import Kept, Origin
 from pgmp_petsc.ensemble.over_time import band_steps
-from pgmp_petsc.ensemble.quantities import came_true, in_words, quantities
+from pgmp_petsc.ensemble.quantities import came_true, in_words, Peaks, quantities
 from pgmp_petsc.ensemble.retry import has_steps_left
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
-from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
+from pgmp_petsc.ensemble.statistics import describe, holds_to, of_event, quantile_bounds
 from pgmp_petsc.indicator.own_error import of_statistics
 from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
-from pgmp_petsc.results.statistics import Band, Chance, Statistics
+from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.ensemble import Event
 
 OVER_TIME = ("extremes", "first_passages")
 FEWEST_OF_TAIL = 50  # values
 FEW_OF_TAIL = 5.0  # degrees of freedom of the variance of squares, below which few values decide on a deviation
 ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
+OF_SAMPLES = 0.9  # of those whose errors are estimated, the share whose errors are below what is taken for the model's
 
 
 def describe_ensemble(
@@ -56,10 +58,13 @@ def describe_ensemble(
     is_hiding = int(np.sum(~fine)) > scene.ensemble.failed_share * fine.size
     chosen = fine & described & (not is_hiding)
 
-    def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0) -> Statistics:
+    bands, peaks = _bands(scene, kept, chosen, outputs, over_time["extremes"])
+    sizes = peaks.sizes(origin.units, fine)
+
+    def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0, size: float = 0.0) -> Statistics:
         asked, known = scene.ensemble, of & np.isfinite(values)
         numbers = None if replicates is None else replicates[known]
-        found = describe(values[known], asked.bins, asked.quantiles, n_missing, level, numbers)
+        found = describe(values[known], asked.bins, asked.quantiles, n_missing, level, numbers, size)
         if is_hiding and n_missing:  # bounds hide nothing
             known = fine & described & np.isfinite(values)
             bounds = quantile_bounds(values[known], found.probabilities, n_missing)
@@ -68,17 +73,22 @@ def describe_ensemble(
 
     level = level_of_each(scene.ensemble.confidence) if looked else scene.ensemble.confidence
     described_ones = quantities(outputs, over_time["extremes"])
-    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in described_ones}
+    statistics = {name: statistics_of(values, chosen, n_failed, sizes[name]) for name, values in described_ones}
+    constant = [name for name, one in statistics.items() if one.constant]
     for name in sampler.names:
         statistics[name] = statistics_of(parameters[name], described)
     for label, times in over_time["first_passages"].items():
         statistics[label] = statistics_of(times, chosen)
+    probabilities = {
+        label: _chance(label, event, origin, peaks, over_time["first_passages"], estimates, described & fine,
+                       described & ~fine, replicates, level, is_hiding)
+        for label, event in scene.ensemble.probabilities.items()
+    }  # fmt: skip
     divisors = numerics["steps_divided"].astype(np.int32)
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
     units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED if over_time["extremes"]}
     units |= dict.fromkeys(over_time["first_passages"], "s")
-    bands = _bands(scene, kept, chosen)
-    described_ones = quantities(outputs, over_time["extremes"])
+    described_ones = (one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant)
     usable = fine & (not is_hiding)
     of_blocks = scene.ensemble.replicates if sampler.kind == "saltelli" else None
     sobol = sensitivities(described_ones, parameters, sampler.names, usable, of_blocks, level)
@@ -93,13 +103,14 @@ def describe_ensemble(
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
         *_few(int(chosen.sum())),
-        *(tail_remarks(quantities(outputs, over_time["extremes"]), chosen) if replicates is None else ()),
+        *_of_constant(constant),
+        *tail_remarks((one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant), chosen),
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),
         *of_statistics(
-            outputs.items(), estimates["errors_at_end"], chosen, units,
+            (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
         ),
     )  # fmt: skip
@@ -115,7 +126,7 @@ def describe_ensemble(
         failure_time=columns["failure_time"],
         statistics=statistics,
         steps_divided=divisors,
-        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units, level),
+        probabilities=probabilities,
         bands=bands,
         sobol=sobol,
         kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
@@ -129,32 +140,53 @@ def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarra
     return {UNSTABLE: unstable, **{f"bands.{name}": values for name, values in kept.bands(n_bands).items()}}
 
 
-def _chances(
-    scene: Scene,
-    outputs: Mapping[str, np.ndarray],
+def _chance(
+    label: str,
+    event: Event,
+    origin: Origin,
+    peaks: Peaks,
     passages: Mapping[str, np.ndarray],
-    chosen: np.ndarray,
-    units: Mapping[str, str],
+    estimates: Mapping[str, Mapping[str, np.ndarray]],
+    known: np.ndarray,
+    failed: np.ndarray,
+    replicates: np.ndarray | None,
     level: float,
-) -> dict[str, Chance]:
-    """Return the probabilities of the scene's events over the chosen samples, (N,), with intervals of a level."""
-    found, n = {}, int(chosen.sum())
-    for label, event in scene.ensemble.probabilities.items():
-        count = int(np.sum(came_true(event, label, outputs, passages) & chosen))
-        estimate = count / n if n else float("nan")
-        text, ends = in_words(event, units[event.output]), intervals.of_probability(count, n, level)
-        found[label] = Chance(text, count, n, estimate, ends, scene.ensemble.confidence)
-    return found
+    is_hiding: bool,
+) -> Chance:
+    """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
+
+    Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
+    """
+    true = came_true(event, label, peaks.outputs, passages)
+    if event.when == "end":
+        lost = known & ~np.isfinite(peaks.outputs[event.output])
+        known, failed = known & ~lost, failed | lost
+    count, n, ends = of_event(true, known, failed, replicates, level)
+    excess, largest = peaks.excess(event), peaks.largest(event.output)
+    seen = known & np.isfinite(excess)
+    limit = holds_to(np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen], largest[seen], true[seen], level)
+    error = float("nan")
+    if origin.model == "reduced" and event.output in estimates["errors"]:
+        of_event_alone = estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
+        shares = np.abs(of_event_alone[known]) / largest[known]
+        shares = shares[np.isfinite(shares)]
+        error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
+    estimate = count / n if n and not is_hiding else float("nan")
+    words = in_words(event, origin.units[event.output])
+    return Chance(words, count, n, estimate, ends, origin.scene.ensemble.confidence, int(failed.sum()), error, limit)
 
 
-def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
-    """Return the outputs over time of the first samples that are fine."""
+def _bands(
+    scene: Scene, kept: Kept, chosen: np.ndarray, outputs: Mapping[str, np.ndarray], extremes: Mapping[str, np.ndarray]
+) -> tuple[dict[str, Band], Peaks]:
+    """Return the outputs over time of the first samples that are fine, and the furthest that each sample goes."""
     asked, simulation = scene.ensemble, scene.simulation
     steps = band_steps(simulation, asked.bands)
     time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
-    found = {}
+    found, ends = {}, {}
     for name, values in kept.bands(asked.band_samples).items() if steps.size else ():
         are_fine = chosen[: len(values)]
+        ends[name] = np.array([values.min(axis=1), values.max(axis=1)])
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
@@ -165,7 +197,7 @@ def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
             probabilities=np.array(asked.quantiles),
             count=n,
         )
-    return found
+    return found, Peaks(outputs, extremes, ends)
 
 
 def _each_instant(values: np.ndarray, function: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
@@ -185,8 +217,16 @@ def _few(n_fine: int) -> tuple[Remark, ...]:
     return ()
 
 
+def _of_constant(names: Collection[str]) -> tuple[Remark, ...]:
+    """Return which quantities are the same in all samples."""
+    if not names:
+        return ()
+    verb = "is constant: it varies" if len(names) == 1 else "are constant: they vary"
+    return (note(f"{', '.join(names)} {verb} over the samples by round-off alone; no deviation and no Sobol indices"),)
+
+
 def tail_remarks(values: Iterable[tuple[str, np.ndarray]], chosen: np.ndarray) -> tuple[Remark, ...]:
-    """Return whose deviations rest on few values far out, of independent samples of every quantity, each (N,).
+    """Return whose deviations rest on few values far out, of samples of every quantity, each (N,).
 
     Of 1,000 values that is so of no normal sample, 3 % of exponential ones, and 27 to 34 % where the interval of the
     deviation is short (held in 87 to 89 %): Student's t of 3.2 degrees of freedom, lognormal with s = 1.
@@ -260,10 +300,11 @@ def _estimate_remarks(
     origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
-    scene = origin.scene
-    if origin.model != "reduced":
-        return origin.not_estimated
-    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
+    scene, remarks = origin.scene, [*origin.not_estimated]
+    why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
+    if origin.model == "reduced":
+        remarks += remarks_of(scene, estimates["validity"])
+        why = f"the full-order equations could not be solved about their motion; {comparing(scene)}"
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):
@@ -272,8 +313,7 @@ def _estimate_remarks(
         if unknown:
             remarks.append(
                 note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
-                    f"full-order equations could not be solved about their motion; {comparing(scene)}"
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: {why}"
                 )
             )
     return tuple(remarks)

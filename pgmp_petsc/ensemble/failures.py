@@ -61,7 +61,7 @@ def failure_remarks(
             warning(
                 f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
                 f"no mean, deviation, density, probability, band or index, which would hide that"
-                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold. Cure: {cure}; "
+                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds, and the intervals of probabilities, hold. Cure: {cure}; "
                 "--override ensemble.failed_share=1.0 describes the others"
             )
         )
@@ -75,8 +75,7 @@ def failure_remarks(
         warning(
             f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
             f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
-            f"whatever the failed ones would have been, and a probability read as p lies between "
-            f"{1 - n_failed / n:.4g} p and {1 - n_failed / n:.4g} p + {n_failed / n:.4g}. "
+            f"whatever the failed ones would have been, and intervals of probabilities count these both ways. "
             f"Parameters are described over all {n} samples"
         )
     )

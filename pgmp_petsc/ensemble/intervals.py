@@ -7,19 +7,22 @@ standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006)
                       Student's t in place of the normal quantile, as a few values decide on that moment (`freedom_of`)
 quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
                       r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
-probability           Wilson, Journal of the American Statistical Association 22 (1927) 209-212
+probability           Clopper and Pearson, Biometrika 26 (1934) 404-413, which never holds less often than it says;
+                      samples that failed are in its lower end as outside the event, in its upper one as within
 share                 Jeffreys (Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133): of a share that is a
-                      part of another figure, which Wilson's reaches farther from 0 and 1 than it has to
-of replicates         Student's t over the figures of independent replicates, for samples that are not independent
+                      part of another figure, from 0 and 1 no farther than it has to be
+of replicates         Student's t over the figures of independent replicates, for samples that are not independent;
+                      quantiles and probabilities: those above, of as many independent samples as would spread as the
+                      replicates do (`equivalent_size`)
 ===================== ===========================================================================================
 
-They know of the error of sampling alone: not of that of the model, and not of samples that failed. What too few values
-leave open is infinite, or NaN where nothing at all is known.
+They know of the error of sampling alone, not of that of the model; samples that failed have a part in those of
+probabilities only. What too few values leave open is infinite, or NaN where nothing at all is known.
 """
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,24 +71,32 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
 
 
-def of_quantiles(ordered: np.ndarray, probabilities: np.ndarray, confidence: float) -> np.ndarray:
-    """Return the intervals of quantiles of independent values (n,), sorted; shape (n_quantiles, 2).
+def of_quantiles(
+    ordered: np.ndarray, probabilities: np.ndarray, confidence: float, sizes: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the intervals of quantiles of values (n,), sorted; shape (n_quantiles, 2).
 
     An end is infinite where not even the smallest, or largest, value lies beyond the quantile with enough probability.
+
+    Parameters
+    ----------
+    sizes
+        How many independent values are as good at each quantile, (n_quantiles,) (Woodruff, Journal of the American
+        Statistical Association 47 (1952) 635-646); None of independent ones: n.
     """
     n, tail = ordered.size, 0.5 * (1.0 - confidence)
     found = np.full((len(probabilities), 2), [-np.inf, np.inf])
-    for row, probability in zip(found, probabilities):
-        low, high = _rank(n, probability, 1.0 - tail), _rank(n, probability, tail)
-        if low is not None:
-            row[0] = _at_rank(ordered, low)
-        if high is not None:
-            row[1] = _at_rank(ordered, high)
+    for row, probability, size in zip(found, probabilities, np.full(len(found), float(n)) if sizes is None else sizes):
+        for end, beyond in enumerate((1.0 - tail, tail)):
+            rank = _rank(float(size), float(probability), beyond)
+            rank = None if rank is None else rank * (n + 1.0) / (size + 1.0)
+            if rank is not None and 1.0 <= rank <= n:
+                row[end] = _at_rank(ordered, rank)
     return found
 
 
-@cache
-def _rank(n: int, probability: float, beyond: float) -> float | None:
+@lru_cache(maxsize=4096)
+def _rank(n: float, probability: float, beyond: float) -> float | None:
     """Return the rank r, 1 to n and no whole number, whose share below exceeds `probability` with chance 1 - `beyond`.
 
     None where there is none.
@@ -112,15 +123,64 @@ def _at_rank(ordered: np.ndarray, rank: float) -> float:
     return (1.0 - share) * ordered[below - 1] + share * ordered[below]
 
 
-def of_probability(count: int, n: int, confidence: float) -> np.ndarray:
-    """Return the interval (low, high) of a probability of which `count` of `n` independent trials came true."""
-    if n < 1:
-        return UNKNOWN
-    from scipy.stats import binomtest
+def of_probability(
+    count: np.ndarray | int, n: np.ndarray | int, confidence: float, n_failed: np.ndarray | int = 0
+) -> np.ndarray:
+    """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
-    with np.errstate(divide="ignore"):  # of its test whether the share is a half, which nobody asks for
-        found = binomtest(count, n)
-    return np.array(found.proportion_ci(confidence, method="wilson"))
+    Parameters
+    ----------
+    count, n
+        Numbers of independent trials; or of those of each independent replicate, (n_replicates,).
+    n_failed
+        Number of further trials of which it is not known, as `n`: none of them came true at the lower end, all at the
+        upper one.
+    """
+    count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
+    sizes = np.atleast_1d(n) + failed
+    if not sizes.sum() > 0.0:
+        return UNKNOWN
+    return np.array([_clopper_pearson(true, sizes, confidence)[k] for k, true in enumerate((count, count + failed))])
+
+
+def _clopper_pearson(count: np.ndarray, sizes: np.ndarray, confidence: float) -> tuple[float, float]:
+    """Return both ends of a probability that came true `count` times in trials of replicates, each (n_replicates,).
+
+    As `scipy.stats.binomtest`, but for numbers that need not be whole (Korn and Graubard, Survey Methodology 24 (1998)
+    193-201).
+    """
+    from scipy.special import betaincinv
+
+    tail, n = 0.5 * (1.0 - confidence), equivalent_size(count, sizes, confidence)
+    true = n * float(count.sum() / sizes.sum())
+    low = betaincinv(true, n - true + 1.0, tail) if true > 0.0 else 0.0
+    high = betaincinv(true + 1.0, n - true, 1.0 - tail) if true < n else 1.0
+    return float(low), float(high)
+
+
+def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> float:
+    """Return how many independent trials tell as much of a probability as those of replicates do.
+
+    ``n = p (1 - p) / v (z / t)^2``, v the variance of the share p between replicates, t Student's quantile of their
+    freedom and z the normal one. Where replicates agree their counts may still differ by one, with a chance that as
+    many replicates as there are would not have shown: v is no smaller than that leaves open. All trials where none or
+    all came true, and of one replicate.
+
+    Parameters
+    ----------
+    count, sizes
+        Trials that came true, and all trials, of each replicate, (n_replicates,).
+    """
+    from scipy.special import ndtri
+
+    n, n_replicates, share = float(sizes.sum()), count.size, float(count.sum() / sizes.sum())
+    if n_replicates < 2 or not 0.0 < share < 1.0:
+        return n
+    tail = 0.5 * (1.0 - confidence)
+    student = _student(confidence, n_replicates - 1)
+    unseen = n_replicates * -np.expm1(np.log(tail) / n_replicates) / student
+    spread = n_replicates / (n_replicates - 1.0) * np.sum((count - share * sizes) ** 2)
+    return float(n**2 * share * (1.0 - share) / max(spread, unseen**2) * (ndtri(1.0 - tail) / student) ** 2)
 
 
 def of_share(count: int, n: int, confidence: float) -> np.ndarray:
@@ -141,15 +201,19 @@ def of_share(count: int, n: int, confidence: float) -> np.ndarray:
     return betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
 
 
-def of_replicates(centre: np.ndarray | float, figures: np.ndarray, confidence: float) -> np.ndarray:
+def of_replicates(
+    centre: np.ndarray | float, figures: np.ndarray, confidence: float, freedom: float | None = None
+) -> np.ndarray:
     """Return the interval about figures (...) of all samples, from those of independent replicates (n_replicates, ...).
 
-    Shape (..., 2); NaN of less than two replicates, or where one has no such figure.
+    Shape (..., 2); NaN of less than two replicates, or where one has no such figure. `freedom` is that of the spread
+    between replicates, where it is not that of normal figures.
     """
     n = len(figures)
     if n < 2:
         return np.full((*np.shape(centre), 2), np.nan)
-    reach = _student(confidence, n - 1) * np.std(figures, axis=0, ddof=1) / np.sqrt(n)
+    student = _student(confidence, n - 1 if freedom is None else freedom)
+    reach = student * np.std(figures, axis=0, ddof=1) / np.sqrt(n)
     return np.asarray(centre)[..., None] + np.asarray(reach)[..., None] * np.array([-1.0, 1.0])
 
 

@@ -59,7 +59,7 @@ class Origin:
                 absent += left_out_of_estimates(model)
             absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
-            absent = why_not_of_full_order(model)
+            absent = (*absence_of_estimates(scene, ensemble=True, of_step=True), *why_not_of_full_order(model))
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
 
 

@@ -1,8 +1,10 @@
-"""What figures of an ensemble are of: outputs at the end and their extremes, and whether events came true."""
+"""What figures of an ensemble are of: outputs at the end and their extremes, whether events came true, and by how much
+they did or did not."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,3 +41,61 @@ def in_words(event: Event, unit: str) -> str:
     side = "above" if event.above is not None else "below"
     when = "at the end" if event.when == "end" else "at any time"
     return f"{event.output} {side} {event.level:g}{'' if unit == '1' else f' {unit}'} {when}"
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """How far outputs go in each sample.
+
+    Attributes
+    ----------
+    outputs
+        At the end, (N,).
+    extremes
+        Over time, ``<output>/max`` and ``min``, (N,), where these are known.
+    ends
+        Smallest and largest values at the instants of the bands, (2, n_known), of the first samples.
+    """
+
+    outputs: Columns
+    extremes: Columns
+    ends: Mapping[str, np.ndarray]
+
+    def over_time(self, output: str, which: str) -> np.ndarray:
+        """Return ``max`` or ``min`` of an output over time, (N,); NaN where it is not known."""
+        if f"{output}/{which}" in self.extremes:
+            return self.extremes[f"{output}/{which}"]
+        found = np.full(self.outputs[output].size, np.nan)
+        if output in self.ends:
+            of_bands = self.ends[output][int(which == "max")]
+            found[: of_bands.size] = of_bands
+        return found
+
+    def largest(self, output: str) -> np.ndarray:
+        """Return the largest size of an output in each sample, (N,); of those of which it is not known the median of
+        the others, and where it is of none, the largest size at the end."""
+        found = np.fmax(np.abs(self.over_time(output, "max")), np.abs(self.over_time(output, "min")))
+        known = np.isfinite(found)
+        others = found[known] if known.any() else np.abs(self.outputs[output])
+        others = others[np.isfinite(others)]
+        stand_in = np.nan if not others.size else np.median(others) if known.any() else others.max()
+        return np.where(known, found, stand_in)
+
+    def sizes(self, units: Mapping[str, str], fine: np.ndarray) -> dict[str, float]:
+        """Return beside what each quantity may vary by round-off: the largest output in its unit; of angles 1 rad."""
+        of_units = {"rad": 1.0}
+        for output in self.outputs:
+            largest = self.largest(output)[fine]
+            largest = largest[np.isfinite(largest)]
+            unit = units.get(output, "1")
+            of_units[unit] = max(of_units.get(unit, 0.0), float(largest.max(initial=0.0)))
+        sizes = {output: of_units[units.get(output, "1")] for output in self.outputs}
+        return sizes | {f"{output}.{which}": size for output, size in sizes.items() for which in DESCRIBED}
+
+    def excess(self, event: Event) -> np.ndarray:
+        """Return how far the output of an event is beyond its level, (N,): negative where it is not."""
+        above = event.above is not None
+        values = self.outputs[event.output]
+        if event.when == "ever":
+            values = self.over_time(event.output, "max" if above else "min")
+        return values - event.level if above else event.level - values

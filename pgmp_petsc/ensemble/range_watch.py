@@ -43,8 +43,8 @@ class RangeWatch:
         self._time[left & np.isinf(self._time)] = time
 
     def judged(self, done: Run) -> Run:
-        """Return the run with the samples that left the range as failed."""
-        lost = (done.status == Status.FINE) & np.isfinite(self._time)
+        """Return the run with the samples that left the range as failed, whatever happened to them later."""
+        lost = np.isfinite(self._time) & ~(done.failure_time <= self._time)
         return replace(
             done,
             status=np.where(lost, Status.LEFT_RANGE, done.status),

@@ -7,6 +7,14 @@ Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): `
 w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
 that were found.
 
+Where a tenth of the samples or more have the same g and none, or next to none, is nearer (an output that is constant over
+most of the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g
+then; their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (as
+sequential Monte Carlo of Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436, along
+the deviation), which makes them points of a level (`_Chains.from_afar`). Where they find nothing, all runs that are left
+are plain samples, whose interval is Clopper and Pearson's. Where the levels come to their end before the event, the last
+of them is weighed in its place: its probability bounds that of the event.
+
 These points make the density q that further, independent samples are drawn from (`importance`), in rounds: the samples
 of every round that are in the event make the density of the next one. In the chains, parts of an event that lie apart
 have the shares that chance gave their ancestors, none at last where a level's seeds miss one; so a share of the samples
@@ -21,27 +29,34 @@ interval either.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
+from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, design_points
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
 from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
-from pgmp_petsc.ensemble.intervals import freedom_of
-from pgmp_petsc.ensemble.rays import directions_of, entrances, unlike
+from pgmp_petsc.ensemble.intervals import freedom_of, of_probability
+from pgmp_petsc.ensemble.rays import apart, directions_of, entrances, most_rays, unlike
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
-PART_OF_LEVEL = 8  # of all samples a level has one of so many: with fewer, chains lose parts of an event
+MOST_OF_LEVEL = 2000
+PART_OF_LEVEL = 8  # of the samples that are left a level has one of so many: with fewer, chains lose parts of an event
+PART_WEIGHED = 8  # of all samples one of so many is left to be weighed, at least
 MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
+PART_OF_DESIGN = 2  # of the samples that are left searches for design points have one of so many, at most
+BEYOND = 0.1  # of a design point, where the event is
+FEWEST_SEEDS = 5  # points below a plateau that a level begins from
+AFAR = (1.5, 2.0, 3.0, 4.5)  # deviations of samples that look for what is below a plateau
+FOUND = 10  # of them, which are enough
+OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
+AT_DESIGN = (0.5, 0.3, 0.3, 0.3)  # where they are at design points, which are known better than by rays
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
-
-LimitState = Callable[[np.ndarray], np.ndarray]
-
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -82,6 +97,10 @@ class RareSamples:
         weight of the round.
     rounds
         Numbers of samples of the rounds that count; their sum is n_weighted.
+    weighed
+        Threshold on g of what was weighed: above 0 where the event was not reached, and the level before it was.
+    design
+        Design points of the event; None where none was looked for.
     """
 
     levels: tuple[Level, ...]
@@ -89,11 +108,18 @@ class RareSamples:
     limit_state: np.ndarray
     weights: np.ndarray
     rounds: tuple[int, ...]
+    weighed: float = 0.0
+    design: DesignPoints | None = None
 
     @property
     def reached(self) -> bool:
         """Whether the event was reached and weighed."""
-        return self.weights.size > 0
+        return self.weights.size > 0 and not self.weighed > 0.0 and not (self.is_plain and not self.contributions.any())
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether weighted samples are plain ones, as nothing led to the event."""
+        return len(self.rounds) == 1 and bool(np.all(self.weights == 1.0))
 
     @property
     def by_levels(self) -> float:
@@ -116,7 +142,7 @@ class RareSamples:
         """Of every weighted sample, shape (n_weighted,): their mean is the probability; failed ones count as not in the
         event."""
         own = self.limit_state[self.limit_state.size - self.weights.size :]
-        return np.where(own <= 0.0, self.weights, 0.0)
+        return np.where(own <= self.weighed, self.weights, 0.0)
 
     @property
     def _of_rounds(self) -> list[np.ndarray]:
@@ -157,7 +183,7 @@ class RareSamples:
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0
-        if not inside.any():
+        if not inside.any() or self.is_plain:
             return False
         looked = OUTSIDE * found.size * self.probability / outside_of(points[inside])
         return bool(looked < 1.0 and lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0)))
@@ -166,24 +192,36 @@ class RareSamples:
         """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
 
         Student's t, with the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves
-        their variance (`intervals.freedom_of`): a few large weights decide on it.
+        their variance (`intervals.freedom_of`): a few large weights decide on it. Of an event that was not reached it is
+        from 0 to the upper end of that of the level before it, or of the first samples, none of which is in it: the
+        smaller one, each of which holds with half of the doubt.
         """
         from scipy.special import stdtrit
 
+        if self.is_plain:
+            return of_probability(int(np.count_nonzero(self.contributions)), self.weights.size, confidence)
+        if self.levels and not self.reached and not np.isfinite(self.variation):
+            return np.array([0.0, self._of_first(confidence)])
         if not np.isfinite(self.variation):
             return np.full(2, np.nan)
         freedom = freedom_of(np.concatenate([one - one.mean() for one in self._of_rounds]), self.n_effective - 1.0)
         reach = float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * confidence))
         spread = np.sqrt(np.log1p(self.variation**2)) * reach
-        return np.minimum(self.probability * np.exp([-spread, spread]), 1.0)
+        ends = np.minimum(self.contributions.mean() * np.exp([-spread, spread]), 1.0)
+        return ends if self.reached else np.array([0.0, min(ends[1], self._of_first(confidence))])
+
+    def _of_first(self, confidence: float) -> float:
+        """Return what the first samples, which are independent, bound the probability of an event without any of them
+        by."""
+        return float(of_probability(0, self.levels[0].before.size, confidence)[1])
 
 
-def level_size(n_samples: int) -> int:
-    """Return how many samples a level of subset simulation has."""
-    return max(LEAST_OF_LEVEL, n_samples // PART_OF_LEVEL) // SHARE * SHARE
+def level_size(n_left: int) -> int:
+    """Return how many samples a level of subset simulation has, of those that are left."""
+    return min(max(LEAST_OF_LEVEL, n_left // PART_OF_LEVEL), MOST_OF_LEVEL) // SHARE * SHARE
 
 
-def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamples:
+def find(limit_state: LimitState, d: int, n_samples: int, seed: int, slopes: Slopes | None = None) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
     Parameters
@@ -193,55 +231,106 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamp
     d
         Number of variables.
     n_samples
-        Evaluations of g at most; those that subset simulation leaves are weighted. At least as many as `level_size`
-        three times.
+        Evaluations of g at most, with those of `slopes`; those that subset simulation leaves are weighted. At least 500.
     seed
         Of all random numbers.
+    slopes
+        g and its derivatives, for design points; None: from differences, where samples allow them.
     """
-    size = level_size(n_samples)
-    chains = _Chains(limit_state, seed, d)
-    points, g = chains.begin(size)
-    levels: list[Level] = []
-    directions: list[np.ndarray] = []
-    own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
-    while len(levels) < MOST_LEVELS:
-        g = np.where(np.isnan(g), np.inf, g)
-        threshold = max(0.0, float(np.sort(g)[size // SHARE - 1]))
-        passed = np.flatnonzero(g <= threshold)
-        stuck = not np.isfinite(threshold) or (levels and threshold >= levels[-1].threshold) or passed.size == size
-        if (stuck and threshold > 0.0) or chains.n + size > n_samples - size:
-            break  # no nearer to the event, or what would be left is too little to be weighed
-        before, families = g, own[passed][np.arange(size) % passed.size]
-        points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
-        own = np.arange(size) % passed.size
-        directions.append(directions_of(points, own, g, chains.random()))
-        levels.append(Level(threshold, passed.size / size, accepted, before))
-        if threshold == 0.0:
-            break
-    weights: list[np.ndarray] = []
-    if levels and levels[-1].threshold == 0.0:
+    chains = _Chains(limit_state, seed, d, n_samples, slopes)
+    levels, directions, last = _levels(chains)
+    design, weights, weighed = None, [], 0.0
+    if levels:
         # those of the last level first, which know them best
-        rays = unlike(np.concatenate(directions[::-1]), n_samples - chains.n)
-        centres = entrances(chains.evaluate, rays, float(np.prod([level.share for level in levels])))
-        weights = chains.weigh(points, g, families, centres, n_samples - chains.n)
-    return RareSamples(
+        rays = np.concatenate(directions[::-1])
+        rays = rays[unlike(rays)][: most_rays(chains.left)]
+        chance = float(np.prod([level.share for level in levels]))
+        weighed = levels[-1].threshold
+        centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
+        design = chains.design(np.concatenate([centres, last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]]))
+        if design is not None and weighed > 0.0:
+            beyond = chains.beyond(design)
+            if beyond is not None:
+                levels.append(Level(0.0, min(1.0, float(ndtr(-design.beta).sum()) / chance), beyond[2], last[1]))
+                last, weighed, centres = (*beyond[:2], np.arange(len(beyond[0]))), 0.0, centres[:0]
+        if design is not None:
+            centres = np.concatenate([design.points, apart(centres, design.points)])
+        weights = chains.weigh(*last, centres, weighed, design)
+    elif np.isfinite(np.concatenate(chains.values)).any() and chains.left > 0:
+        chains.evaluate(chains.random().standard_normal((chains.left, d)))
+        weights = [np.ones(chains.values[-1].size)]
+    found = RareSamples(
         tuple(levels),
         np.concatenate(chains.points),
         np.concatenate(chains.values),
         np.concatenate([np.zeros(0), *weights]),
         tuple(of_round.size for of_round in weights),
+        weighed,
+        design,
     )
+    for level in levels[::-1] if weighed > 0.0 else ():
+        found = replace(found, weighed=level.threshold)
+        if found.n_effective >= ENOUGH:
+            break  # of levels before the event the last one that enough samples are in bounds it
+    return found
+
+
+def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return the levels, the directions of the parts that they have seen, and of the points of the last one u, g and
+    the chains of the level before that they stem from."""
+    size = level_size(chains.left)
+    least_left = max(LEAST_OF_LEVEL, chains.left // PART_WEIGHED)
+    points, g = chains.begin(size)
+    levels: list[Level] = []
+    directions: list[np.ndarray] = []
+    own = families = np.arange(size)  # the chains of this level that points are of, and those of the one before
+    while len(levels) < MOST_LEVELS:
+        size, g = level_size(chains.left), np.where(np.isnan(g), np.inf, g)
+        if chains.left - size < least_left:
+            break  # what would be left is too little to be weighed
+        threshold, before = max(0.0, float(np.sort(g)[g.size // SHARE - 1])), g
+        known = float(np.prod([level.share for level in levels]))
+        passed, share = np.flatnonzero(g <= threshold), None
+        if threshold > 0.0 and (threshold >= min([np.inf, *(level.threshold for level in levels)]) or passed.size == g.size):
+            passed = np.flatnonzero(g < threshold)
+            if passed.size < FEWEST_SEEDS:
+                afar = chains.from_afar(threshold, least_left)
+                if afar is None:
+                    break  # no nearer to the event
+                points, g, chance = afar
+                own, passed, share = np.arange(len(points)), np.arange(len(points)), min(chance / known, 1.0)
+                if chains.left - size < least_left:
+                    size = len(points)
+            threshold = max(0.0, float(g[passed].max()))
+        share = passed.size / before.size if share is None else share
+        families = own[passed][np.arange(size) % passed.size]
+        points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
+        own = np.arange(size) % passed.size
+        directions.append(directions_of(points, own, g, chains.random()))
+        levels.append(Level(threshold, share, accepted, before))
+        if threshold == 0.0:
+            break
+    return levels, directions, (points, g, families)
 
 
 class _Chains:
     """Evaluates g, and keeps all points."""
 
-    def __init__(self, limit_state: LimitState, seed: int, d: int) -> None:
-        self._limit_state, self._seed, self._d = limit_state, seed, d
+    def __init__(
+        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None
+    ) -> None:
+        self._limit_state, self._seed, self._d, self._n_samples = limit_state, seed, d, n_samples
+        self._slopes = slopes
         self.points: list[np.ndarray] = []
         self.values: list[np.ndarray] = []
         self._spread = 0.6  # of a step over the deviation of the points
         self._number = 0
+        self._n_differentiated = 0
+
+    @property
+    def left(self) -> int:
+        """Number of evaluations that are left."""
+        return self._n_samples - self.n - self._n_differentiated
 
     @property
     def n(self) -> int:
@@ -257,7 +346,8 @@ class _Chains:
         self, seeds: np.ndarray, g: np.ndarray, threshold: float, size: int
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return points (size, d) that pass a threshold, their g, and the share of accepted steps."""
-        random, deviation = self.random(), np.minimum(seeds.std(axis=0), 1.0)
+        random = self.random()
+        deviation = np.minimum(seeds.std(axis=0), 1.0) if len(seeds) >= FEWEST_SEEDS else np.ones(self._d)
         current, value = seeds, g
         points, values, accepted = [seeds], [g], []
         while sum(map(len, points)) < size:
@@ -274,10 +364,79 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
+    def design(self, starts: np.ndarray) -> DesignPoints | None:
+        """Return the design points that searches from some points lead to, with a part of the samples that are left;
+        from differences where exact derivatives lead to none."""
+        nearest = starts[np.argsort(np.sum(starts**2, axis=1))]
+        units = nearest / np.maximum(np.sqrt(np.sum(nearest**2, axis=1, keepdims=True)), 1e-300)
+        nearest, found = nearest[unlike(units)], None
+        for slopes in (None,) if self._slopes is None else (self._differentiated, None):
+            found = found or design_points(self.evaluate, slopes, nearest, self.left // PART_OF_DESIGN)
+        return found
+
+    def _differentiated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return g and its derivatives, each of which counts as a sample."""
+        self._n_differentiated += len(points)
+        return self._slopes(points)
+
+    def beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Return points of the event from design points on, their g, and the share of accepted steps; None where the
+        event does not lie there."""
+        seeds = design.points + BEYOND * design.alpha
+        g = self.evaluate(seeds)
+        inside = g <= 0.0
+        if not inside.any():
+            return None
+        return self.go_on(seeds[inside], g[inside], 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
+
+    def from_afar(self, level: float, to_be_left: int) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Return normal points with g below a level, shape (m, d), their g, and the probability of that.
+
+        None where samples of no deviation find any. In d variables a step of the deviation by ``0.6 / sqrt(d)`` of it
+        leaves about half of the samples their worth.
+        """
+        random, d = self.random(), self._d
+        n = self.left - to_be_left
+        best: tuple[float, np.ndarray, np.ndarray, int] | None = None
+        for deviation in AFAR:
+            each = min(max(LEAST_OF_LEVEL // 2, n // (6 * len(AFAR))), self.left)
+            drawn = deviation * random.standard_normal((each, d))
+            g = self.evaluate(drawn)
+            below = g < level
+            if below.any() and (best is None or below.sum() > len(best[1])):
+                best = deviation, drawn[below], g[below], each
+            if np.count_nonzero(below) >= FOUND:
+                break
+        if best is None:
+            return None
+        deviation, points, g, each = best
+        chance = len(points) / each
+        n_steps = 1.0 + np.log(deviation) * np.sqrt(d) / 0.6
+        m = int(np.clip((self.left - to_be_left) / (2.0 * n_steps), LEAST_OF_LEVEL // 2, MOST_OF_LEVEL))
+        spread = self._spread
+        while deviation > 1.0:
+            if self.left < m:
+                return None
+            squares, smaller = np.sum(points**2, axis=1), _next_deviation(deviation, points)
+            logs = d * np.log(deviation / smaller) - 0.5 * squares * (smaller**-2.0 - deviation**-2.0)
+            chance *= float(np.mean(np.exp(logs)))
+            worth = np.cumsum(np.exp(logs - logs.max()))
+            drawn = np.searchsorted(worth, (random.random() + np.arange(m)) / m * worth[-1])
+            deviation, points, g = smaller, points[drawn], g[drawn]
+            sigma = min(spread, 1.0)
+            candidate = np.sqrt(1.0 - sigma**2) * points + sigma * deviation * random.standard_normal(points.shape)
+            found = self.evaluate(candidate)
+            better = found < level
+            points, g = np.where(better[:, None], candidate, points), np.where(better, found, g)
+            spread = float(np.clip(spread * np.exp(better.mean() - ACCEPTED), 0.05, 1.0))
+        return points, g, chance
+
     def weigh(
-        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, n: int
+        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
+        design: DesignPoints | None,
     ) -> list[np.ndarray]:
-        """Evaluate n points from densities that points of the event make, and return the weights of all rounds but one.
+        """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
+        return the weights of all rounds but one.
 
         The first round is left out: its density is from points of chains, which are not independent, and half of it is
         about where rays enter the event. Points of all rounds make the next density, each with the weight of the
@@ -287,16 +446,16 @@ class _Chains:
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
         known = levelled(centres, counts.astype(float), self.random())
-        sizes = np.full(ROUNDS, n // ROUNDS)
-        sizes[-1] += n % ROUNDS
+        sizes = np.full(ROUNDS, self.left // ROUNDS)
+        sizes[-1] += self.left % ROUNDS
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
-        for size, share in zip(sizes, AT_ENTRANCES):
+        for size, share in zip(sizes, AT_ENTRANCES if design is None else AT_DESIGN):
             random = self.random()
             density = chosen_density(centres, known, random, alike, values).with_kernels(entrances, share)
             densities.append(density)
             drawn = density.draw(size, random)
             found = self.evaluate(drawn)
-            within = found <= 0.0
+            within = found <= level
             weights.append(np.exp(log_normal(drawn) - density.log(drawn)))
             inside, g_inside = np.concatenate([inside, drawn[within]]), np.concatenate([g_inside, found[within]])
             if len(inside) >= ENOUGH:
@@ -318,3 +477,20 @@ class _Chains:
         self.points.append(points)
         self.values.append(found)
         return found
+
+
+def _next_deviation(deviation: float, points: np.ndarray) -> float:
+    """Return the next smaller deviation, 1 at least, at which points of this one are worth `OF_WORTH` of their number."""
+    squares, precision = np.sum(points**2, axis=1), deviation**-2.0
+
+    def is_enough(other: float) -> bool:
+        worth = np.exp(-0.5 * (other - precision) * (squares - squares.min()))
+        return bool(np.sum(worth) ** 2 >= OF_WORTH * len(points) * np.sum(worth**2))
+
+    if is_enough(1.0):
+        return 1.0
+    low, high = precision, 1.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_enough(middle) else (low, middle)
+    return high**-0.5

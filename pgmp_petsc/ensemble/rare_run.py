@@ -7,6 +7,7 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -15,16 +16,19 @@ from scipy.special import ndtr
 
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble import rare_events
+from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
-from pgmp_petsc.models import FullModel, Model, ReducedModel, of_samples
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
-from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.rare_event import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, shortened
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -41,6 +45,7 @@ FEWEST = 500  # samples: three levels of the least size, and as many to be weigh
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -101,7 +106,8 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     with timings.phase("integration"), ExitStack() as stack:
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)
-        found = rare_events.find(runs.limit_state, len(names), n_samples, seed)
+        slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) else None
+        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes)
     timings = timings.maximum(comm)
     return _result(model, event, found, runs, seed, comm.size, timings) if comm.rank == 0 else None
 
@@ -127,6 +133,7 @@ class _Runs:
     def __init__(self, model: Model, event: Event, names: list[str], comm: MPI.Comm, bar) -> None:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar
         self.names, self._mixing = names, mixing_of(model.scene, names)
+        self._sign = -1.0 if event.above is not None else 1.0  # of the output in g
         self._watcher = OverTimeWatcher(model, False, Ensemble(extremes=True))
         self.values: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
@@ -134,9 +141,7 @@ class _Runs:
 
     def limit_state(self, points: np.ndarray) -> np.ndarray:
         """Return g of points (n, d), shape (n,): how far the output is from the level; not above 0 in the event."""
-        uniform = ndtr(np.clip(points, -FURTHEST, FURTHEST))
-        values = values_of(self._model.scene, self.names, uniform, self._mixing)
-        n = len(points)
+        values, n = self.values_of(points), len(points)
         size = min(max(LEAST, -(-n // (PIECES * LANES)) * LANES), MOST, self._model.largest_batch)
         ranges = [(first, min(first + size, n)) for first in range(0, n, size)]
         own = []
@@ -149,7 +154,57 @@ class _Runs:
         self.status.append(status)
         self.parameters.append(values)
         self._bar.update(n)
-        return self._event.level - value if self._event.above is not None else value - self._event.level
+        return self._sign * (value - self._event.level)
+
+    def values_of(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values of all parameters, each (n,), that points (n, d) mean."""
+        uniform = ndtr(np.clip(points, -FURTHEST, FURTHEST))
+        return values_of(self._model.scene, self.names, uniform, self._mixing)
+
+    def slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return g of points (n, d) and its exact derivatives, shapes (n,) and (n, d); NaN where there are none."""
+        n, d = points.shape
+        steps = DIFFERENCE * np.concatenate([np.eye(d), -np.eye(d)])
+        near = self.values_of((points[:, None] + steps).reshape(-1, d))
+        changes = np.array([near[name].reshape(n, 2, d) for name in self.names])  # (names, n, 2, d)
+        by_normal = (changes[:, :, 0] - changes[:, :, 1]) / (2.0 * DIFFERENCE)
+        values, own = self.values_of(points), []
+        with agreed(self._comm, "derivatives of the samples"):
+            for number in range(self._comm.rank, n, self._comm.size):
+                one = {name: float(column[number]) for name, column in values.items()}
+                own.append((number, *self._differentiated(one)))
+        g, found = np.full(n, np.nan), np.full((n, d), np.nan)
+        for number, value, by_parameter in (part for rank in self._comm.allgather(own) for part in rank):
+            g[number] = self._sign * (value - self._event.level)
+            found[number] = self._sign * np.einsum("p,pd->d", by_parameter, by_normal[:, number])
+        self._bar.update(n)
+        return g, found
+
+    def _differentiated(self, values: dict[str, float]) -> tuple[float, np.ndarray]:
+        """Return the output that the event is of, and its derivatives with the parameters that are drawn."""
+        try:
+            run = differentiate(self._model, values, self.names)
+        except PgmpError:
+            return np.nan, np.full(len(self.names), np.nan)
+        history, at = run.outputs[self._event.output], -1
+        if self._event.when == "ever":
+            at = int(np.argmin(self._sign * history))
+        return float(history[at]), np.array([run.derivatives[self._event.output][name][at] for name in self.names])
+
+    def most_likely(self, design: DesignPoints | None) -> MostLikely | None:
+        """Return design points as a result has them.
+
+        Shares are the squares of alpha; of correlated parameters, whose normal variables are ``z = L u``, those of ``L^-T
+        alpha`` over their sum (Haukaas and Der Kiureghian, Journal of Engineering Mechanics 131 (2005) 1013-1026).
+        """
+        if design is None:
+            return None
+        along = design.alpha
+        if self._mixing is not None:
+            along = np.linalg.solve(self._mixing.T, along.T).T
+        shares = along**2 / np.sum(along**2, axis=1, keepdims=True)
+        drawn = {name: column for name, column in self.values_of(design.points).items() if name in self.names}
+        return MostLikely(design.beta, design.points, shares, drawn, design.is_exact, design.n_runs)
 
     def _run(self, values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the output that the event is of, NaN where the run failed, and the status, each (n,)."""
@@ -171,9 +226,11 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence), *draw_remarks(scene))
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
+    if isinstance(model, REDUCED):
+        said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
         model=model.name,
         record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
@@ -194,20 +251,57 @@ def _result(
         normal=found.points,
         value=value,
         weight=weight,
+        most_likely=runs.most_likely(found.design),
         parameters=parameters,
         status=status,
     )
 
 
-def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
+def _of_own_error(
+    model: ReducedModel | LengthLanes,
+    event: Event,
+    found: RareSamples,
+    names: Sequence[str],
+    parameters: Mapping[str, np.ndarray],
+    value: np.ndarray,
+) -> tuple[Remark, ...]:
+    """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
+    samples nearest to it, along the curve of probabilities over levels.
+
+    Of an event at any time, errors are taken at their largest.
+    """
+    what, (curve, shares) = "the probability", found.curve()
+    known = np.flatnonzero(np.isfinite(value))
+    nearest = known[np.argsort(np.abs(value[known] - event.level), kind="stable")[:LANES]]
+    if not (found.reached and nearest.size and curve.size):
+        return ()
+    points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
+    errors = OwnErrors.of_runs(of_samples(model, names), points)
+    if errors is None:
+        return (not_known(model.scene, what),)
+    at = errors.at_end[event.output]
+    if event.when == "ever":
+        rows = [of_run[event.output] for _, of_run in errors.histories]
+        at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
+    if not np.isfinite(at).any():
+        return (not_known(model.scene, what),)
+    shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
+    beyond, here = np.interp([shift, 0.0], curve[::-1], np.log(shares[::-1]))
+    without = found.probability * float(np.exp(beyond - here))
+    return of_figures([(what, found.probability, without, found.probability)], what)
+
+
+def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> list[Remark]:
     """Return what the reader of a probability has to know."""
     remarks, n_failed = [], int(np.count_nonzero(status))
     if not found.reached:
-        last = f", from where 1 of {1.0 / found.by_levels:.3g} samples is left" if found.levels else ""
+        remarks.append(warning(_not_reached(found, confidence)))
+    elif found.is_plain:
+        n_in = int(np.count_nonzero(found.contributions))
         remarks.append(
             warning(
-                f"the event was not reached by {len(found.levels)} levels of subset simulation{last}: it is rarer, or "
-                "cannot happen; take a larger -n, or a level that is nearer"
+                f"the output is the same in most samples, so nothing led to the event: {n_in} of {found.weights.size} "
+                "plain random samples are in it, and the interval is theirs; take a larger -n"
             )
         )
     else:
@@ -245,7 +339,25 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Re
         remarks.append(
             note(
                 "errors of the model and of the time step were not estimated at these samples, and the interval does "
-                "not know of them; pgmp montecarlo without --rare estimates a reduced model's"
+                "not know of them"
             )
         )
     return remarks
+
+
+def _not_reached(found: RareSamples, confidence: float) -> str:
+    """Return how far the samples came, and what they bound the probability by."""
+    cure = "it is rarer, or cannot happen; take a larger -n, or a level that is nearer"
+    bound = found.interval(confidence)[1]
+    said = f"the event was not reached by {len(found.levels)} levels of subset simulation"
+    if not np.isfinite(bound):
+        return f"{said}: {cure}"
+    if found.is_plain:
+        return (
+            f"none of {found.weights.size} plain random samples is in the event, and the output, the same in most of "
+            f"them, does not show where it is: its probability is at most {bound:.3g} ({100 * confidence:g} %); {cure}"
+        )
+    return (
+        f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "
+        f"({100 * confidence:g} %); {cure}"
+    )

@@ -39,13 +39,24 @@ def directions_of(
     return means[norms > 0.0] / norms[norms > 0.0, None]
 
 
-def unlike(directions: np.ndarray, n_left: int) -> np.ndarray:
-    """Return the directions (n, d) that are far from those before them, as many as n_left samples can follow."""
-    kept: list[np.ndarray] = []
-    for direction in directions:
-        if len(kept) < min(MOST, n_left // (PART_OF_SAMPLES * STEPS)) and all(direction @ one < ALIKE for one in kept):
-            kept.append(direction)
-    return np.array(kept).reshape(-1, directions.shape[1])
+def unlike(directions: np.ndarray) -> list[int]:
+    """Return the numbers of the directions (n, d) that are far from those before them."""
+    kept: list[int] = []
+    for number, direction in enumerate(directions):
+        if all(direction @ directions[one] < ALIKE for one in kept):
+            kept.append(number)
+    return kept
+
+
+def most_rays(n_left: int) -> int:
+    """Return how many rays samples that are left can follow."""
+    return min(MOST, n_left // (PART_OF_SAMPLES * STEPS))
+
+
+def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the points (n, d) that are in none of the directions of others (m, d)."""
+    units = [one / np.sqrt(np.sum(one**2, axis=1, keepdims=True)) for one in (points, others)]
+    return points[np.all(np.einsum("nd,md->nm", *units) < ALIKE, axis=1)]
 
 
 def entrances(

@@ -32,6 +32,7 @@ from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
+from pgmp_petsc.indicator.coarser_run import CoarserWatcher
 from pgmp_petsc.indicator.member_errors import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.results.ensemble import Ensemble
@@ -282,10 +283,10 @@ def run_batch(
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
             done = done if inside is None else inside.judged(done)
             done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
-        for watch in watches:
-            for kind, arrays in watch.found(done.status).items():
-                for name, estimates in arrays.items():
-                    found[kind][name][samples[places]] = estimates
+            for watch in watches:
+                for kind, arrays in watch.found(done.status).items():
+                    for name, estimates in arrays.items():
+                        found[kind][name][samples[places]] = estimates
         return done
 
     outcome = integrate_with_smaller_steps(run, scene.simulation, alive, divisors)
@@ -321,7 +322,10 @@ class Watching:
 
     def __init__(self, model: Model) -> None:
         self.share = share_of(model)
-        self._errors: list[Watcher] = [ErrorWatcher(indicator_of(model))] if self.share > 0.0 else []
+        self._errors: list[Watcher] = []
+        if self.share > 0.0:
+            reduced = isinstance(model, REDUCED)
+            self._errors = [ErrorWatcher(indicator_of(model)) if reduced else CoarserWatcher(model)]
         self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
         if isinstance(model, REDUCED):
             self._others.append(ValidityWatcher(model))

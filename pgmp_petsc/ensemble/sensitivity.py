@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.statistics import is_constant
 from pgmp_petsc.results.sensitivity import Sensitivity
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 
@@ -48,7 +49,7 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     blocks = values.reshape(-1, d + 2)
     known = np.isfinite(blocks).all(axis=1)
     parts = [k + n_replicates * np.flatnonzero(known[k::n_replicates]) for k in range(n_replicates)]
-    if min(map(len, parts)) < FEWEST_OF_REPLICATE or not all(_varies(blocks[part]) for part in parts):
+    if min(map(len, parts)) < FEWEST_OF_REPLICATE or any(is_constant(blocks[part]) for part in parts):
         return None
     # the estimators are biased for outputs far from zero
     scaled = (blocks - blocks[known].mean()) / blocks[known].std()
@@ -74,7 +75,7 @@ def of_given(values: np.ndarray, parameters: Mapping[str, np.ndarray], confidenc
     chosen = np.flatnonzero(np.isfinite(values))[:MOST_GIVEN]
     n = chosen.size
     n_slices = min(n // FEWEST_IN_SLICE, max(n // IN_SLICE, FEW_SLICES), MOST_SLICES)
-    if n_slices < FEWEST_SLICES or not _varies(values[chosen]):
+    if n_slices < FEWEST_SLICES or is_constant(values[chosen]):
         return None
     output = (values[chosen] - values[chosen].mean()) / values[chosen].std()
     found = [_explained(output[np.argsort(x[chosen], kind="stable")], n_slices) for x in parameters.values()]
@@ -99,10 +100,6 @@ def _explained(ordered: np.ndarray, n_slices: int) -> tuple[float, float]:
     # without the leverage of a sample what a line leaves of it is too small
     left /= 1.0 - 1.0 / counts[places] - steps**2
     return float(share), float(np.std((1.0 - share) * ordered**2 - left) / np.sqrt(n))
-
-
-def _varies(values: np.ndarray) -> bool:
-    return bool(np.ptp(values) > 1e-12 * np.max(np.abs(values)))
 
 
 def sensitivities(

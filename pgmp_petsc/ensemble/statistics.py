@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 
 import numpy as np
 
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.statistics import Statistics
+
+ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same in all samples
+# Kurtosis from that of a normal law on, at which the interval of independent values has a part in that of replicates.
+# Replicates share the outermost slices of the parameters, so that what heavy tails do there hardly differs between them
+NORMAL, HEAVY = 3.0, 6.0
+MATTERS = 0.1  # of a probability: less of it is not worth a better model
+
+
+def is_constant(values: np.ndarray, size: float = 0.0) -> bool:
+    """Return whether values (n,) vary by round-off alone, of themselves or of the size that the quantity has."""
+    return not np.ptp(values) > ROUND_OFF * max(size, float(np.max(np.abs(values)))) if values.size else True
 
 
 def describe(
@@ -17,13 +29,13 @@ def describe(
     n_missing: int = 0,
     confidence: float = 0.95,
     replicates: np.ndarray | None = None,
+    size: float = 0.0,
 ) -> Statistics:
     """Describe a sample, of which some values may be missing.
 
     The standard error of the standard deviation s takes the sample's own fourth moment,
     ``var(s) = (mu4 - s^4) / (4 s^2 N)``. Where the sample consists of independent replicates, standard errors and
-    intervals of mean and deviation follow from the spread between these; those of quantiles take all values for
-    independent ones, which makes them wider rather than narrower.
+    intervals follow from the spread between these.
 
     Parameters
     ----------
@@ -40,18 +52,25 @@ def describe(
         Level of the intervals; see `intervals`.
     replicates
         Numbers of the replicates that the values belong to, shape (N,); None where values are independent.
+    size
+        Of the quantity, beside which variation may be round-off (`is_constant`); what is constant has no deviation.
     """
+    constant = is_constant(values, size)
+    if constant:
+        values = np.full(values.size, np.mean(values)) if values.size else values
     probabilities = np.asarray(probabilities, dtype=float)
     ordered = np.sort(values)
     pdf, edges = _density(values, bins) if values.size else (np.empty(0), np.empty(0))
     mean = float(np.mean(values)) if values.size else float("nan")
     std = float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
-    if replicates is None:
+    sizes = None
+    if replicates is None or constant:
         errors = (float(std / np.sqrt(max(values.size, 1))), _error_of_deviation(values, std))
         of_mean = intervals.of_mean(values, confidence)
         of_deviation = intervals.of_deviation(values, confidence)
     else:
-        errors, of_mean, of_deviation = _between(values, replicates, mean, std, confidence)
+        errors, of_mean, std, of_deviation = _between(values, replicates, mean, std, confidence)
+        sizes = _equivalent_sizes(values, ordered, replicates, probabilities, confidence)
     return Statistics(
         count=values.size,
         mean=mean,
@@ -65,8 +84,9 @@ def describe(
         probabilities=probabilities,
         mean_interval=of_mean,
         std_interval=of_deviation,
-        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence),
+        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence, sizes),
         confidence=confidence,
+        constant=constant and values.size > 1,
     )
 
 
@@ -82,18 +102,91 @@ def _error_of_deviation(values: np.ndarray, std: float) -> float:
 
 def _between(
     values: np.ndarray, replicates: np.ndarray, mean: float, std: float, confidence: float
-) -> tuple[tuple[float, float], np.ndarray, np.ndarray]:
-    """Return standard errors and intervals of mean and deviation from the spread between replicates.
+) -> tuple[tuple[float, float], np.ndarray, float, np.ndarray]:
+    """Return standard errors, the mean's interval, the deviation and its interval from the spread between replicates.
 
-    NaN where a replicate has less than two values, or there is only one.
+    The variance is the mean of squared distances from the mean, and the mean's own variance, by which they are too
+    small; its interval is that of its logarithm. NaN where a replicate has less than two values, or there is only one.
     """
-    parts = [values[replicates == number] for number in np.unique(replicates)]
-    if len(parts) < 2 or min(part.size for part in parts) < 2:
-        return (float("nan"), float("nan")), intervals.UNKNOWN, intervals.UNKNOWN
-    figures = np.array([[np.mean(part), np.std(part, ddof=1)] for part in parts])
-    errors = np.std(figures, axis=0, ddof=1) / np.sqrt(len(parts))
-    found = intervals.of_replicates(np.array([mean, std]), figures, confidence)
-    return (float(errors[0]), float(errors[1])), found[0], np.maximum(found[1], 0.0)
+    numbers, places, counts = np.unique(replicates, return_inverse=True, return_counts=True)
+    if numbers.size < 2 or counts.min() < 2:
+        return (float("nan"), float("nan")), intervals.UNKNOWN, std, intervals.UNKNOWN
+    squares = (values - mean) ** 2
+    means, variances = (np.bincount(places, of) / counts for of in (values, squares))
+    error, spread = (float(np.std(of, ddof=1) / np.sqrt(numbers.size)) for of in (means, variances))
+    variance = float(np.mean(squares)) + error**2
+    freedom = intervals.freedom_of(variances, numbers.size - 1)
+    low, high = intervals.of_replicates(0.0, variances / variance, confidence, freedom)
+    heavy = float(np.clip((np.mean(squares**2) / variance**2 - NORMAL) / (HEAVY - NORMAL), 0.0, 1.0))
+    alone = intervals.of_deviation(values, confidence)
+    reach = float(np.hypot(0.5 * (high - low), heavy * np.log(alone[1] / alone[0]) if heavy > 0.0 else 0.0))
+    std = float(np.sqrt(variance))
+    of_mean = intervals.of_replicates(mean, means, confidence)
+    return (error, spread / (2.0 * std)), of_mean, std, std * np.exp(0.5 * reach * np.array([-1.0, 1.0]))
+
+
+def _equivalent_sizes(
+    values: np.ndarray, ordered: np.ndarray, replicates: np.ndarray, probabilities: np.ndarray, confidence: float
+) -> np.ndarray | None:
+    """Return how many independent values are as good at each quantile, (n_quantiles,); None of no values."""
+    if not values.size:
+        return None
+    _, places = np.unique(replicates, return_inverse=True)
+    counts = np.bincount(places).astype(float)
+    below = (np.bincount(places, values <= limit) for limit in np.quantile(ordered, probabilities))
+    return np.array([intervals.equivalent_size(of, counts, confidence) for of in below])
+
+
+def of_event(
+    true: np.ndarray, known: np.ndarray, failed: np.ndarray, replicates: np.ndarray | None, confidence: float
+) -> tuple[int, int, np.ndarray]:
+    """Return in how many samples an event came true, of how many that is known, and the probability's interval.
+
+    Parameters
+    ----------
+    true, known, failed
+        Whether it came true, whether that is known, and whether it is not because the sample failed, bool (N,).
+    replicates
+        Numbers of the replicates that samples belong to, (N,); None of independent samples.
+    """
+    places = np.zeros(true.size, dtype=int) if replicates is None else np.unique(replicates, return_inverse=True)[1]
+    n = int(places.max(initial=0)) + 1
+    count, sizes, lost = (np.bincount(places[of], minlength=n) for of in (true & known, known, failed))
+    return int(count.sum()), int(sizes.sum()), intervals.of_probability(count, sizes, confidence, lost)
+
+
+def holds_to(excess: np.ndarray, largest: np.ndarray, true: np.ndarray, confidence: float) -> float:
+    """Return up to which error of an output a probability holds, as a share of the output's size in each sample.
+
+    With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider
+    by more than it is, and by more than `MATTERS` of the probability. NaN of no samples.
+
+    Parameters
+    ----------
+    excess, largest, true
+        By how much the output is beyond the level, its largest size, and whether the event came true, (N,).
+    confidence
+        Of the interval.
+    """
+    n, count = true.size, int(true.sum())
+    if not n:
+        return float("nan")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.abs(excess) / largest
+    shares[np.isnan(shares)] = np.inf
+    order = np.argsort(shares)
+    lost, gained = np.cumsum(true[order]), np.cumsum(~true[order])
+    low, high = intervals.of_probability(count, n, confidence)
+    room = max(high - low, MATTERS * count / n)
+
+    def matters(place: int) -> bool:
+        """Return whether the samples up to a place matter, if all of them are in doubt."""
+        least = intervals.of_probability(count - int(lost[place]), n, confidence)[0]
+        most = intervals.of_probability(count + int(gained[place]), n, confidence)[1]
+        return (most - high) + (low - least) > room
+
+    place = bisect_left(range(n), True, key=matters)
+    return float(shares[order[place]]) if place < n else np.inf
 
 
 def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: int) -> np.ndarray:
@@ -119,7 +212,7 @@ def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: in
 def _density(values: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
     """Return density and edges; a sample without spread gets one bin's width from its own size."""
     lowest, highest = float(values.min()), float(values.max())
-    if not highest - lowest > 1e-12 * max(abs(lowest), abs(highest)):
+    if is_constant(values):
         margin = max(abs(lowest), 1.0) * 1e-6
         lowest, highest = lowest - margin, highest + margin
     return np.histogram(values, bins=bins, range=(lowest, highest), density=True)

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.looks import level_of_each, looks
 from pgmp_petsc.ensemble.origin import Kept
 from pgmp_petsc.ensemble.quantities import came_true, quantity
 from pgmp_petsc.ensemble.rules import MOMENTS, Rule
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.statistics import describe, of_event
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.stopping import Stopping, reach_of
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -68,8 +67,8 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
         return Seen(n, np.zeros(0), np.zeros((0, 2)))
     level, columns = level_of_each(scene.ensemble.confidence), kept.columns()
     outputs, extremes, passages = (columns.of(kind) for kind in ("outputs", "extremes", "first_passages"))
-    chosen = (columns["status"] == Status.FINE) & sampler.described(n)
-    replicates = sampler.replicates(n)
+    fine, described, replicates = columns["status"] == Status.FINE, sampler.described(n), sampler.replicates(n)
+    chosen = fine & described
     estimates, ends = [], []
     for rule in rules:
         if rule.kind in MOMENTS:
@@ -80,9 +79,10 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
             ends.append(getattr(found, f"{rule.kind}_interval"))
             continue
         event = rule.event or scene.ensemble.probabilities[rule.quantity]
-        count, n_fine = int(np.sum(came_true(event, rule.quantity, outputs, passages) & chosen)), int(chosen.sum())
+        true = came_true(event, rule.quantity, outputs, passages)
+        count, n_fine, of_both = of_event(true, chosen, described & ~fine, replicates, level)
         estimates.append(count / n_fine if n_fine else np.nan)
-        ends.append(intervals.of_probability(count, n_fine, level))
+        ends.append(of_both)
     return Seen(n, np.array(estimates), np.array(ends))
 
 

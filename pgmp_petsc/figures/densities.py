@@ -161,6 +161,7 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         mean = _with_interval(factor * one.mean, factor * one.mean_interval)
         std = _with_interval(factor * one.std, factor * one.std_interval)
         spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
+        spread = "constant" if one.constant else spread
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         longest = max(map(len, text.splitlines()))
         note = axes.annotate(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 from PIL import Image
@@ -12,11 +16,13 @@ from PIL import Image
 from pgmp_petsc.figures.motion import Motion
 from pgmp_petsc.figures.solids import images
 from pgmp_petsc.figures.style import PROGRAM
+from pgmp_petsc.runtime.children import child
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
 GIF, MP4 = ".gif", ".mp4"
 RESOLUTION = {GIF: 80, MP4: 120}  # pixels an inch
+QUALITY = "10"  # of x264, from 0, without losses, to 51
 N_COLOURS = 128  # of a GIF
 SLOWEST = 655.0  # s that a GIF may show a picture: two bytes of hundredths
 FASTEST = 50.0  # pictures a second that a GIF may have: its times are whole hundredths
@@ -101,15 +107,20 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate: float) -> None:
         ) from error
     first = next(pictures)
     height, width = (length - length % 2 for length in first.shape[:2])
-    writer = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=rate, codec="libx264", quality=8, macro_block_size=2,
-        output_params=["-metadata", f"comment={PROGRAM}", "-f", "mp4", "-movflags", "+faststart"],
-    )  # fmt: skip
-    try:
-        writer.send(None)
-        for picture in (first, *pictures):
-            writer.send(np.ascontiguousarray(picture[:height, :width]))
-    except (OSError, RuntimeError) as error:
-        raise RunError(f"the film could not be written: {error}") from error
-    finally:
-        writer.close()
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error",
+        "-f", "rawvideo", "-s", f"{width}x{height}", "-pix_fmt", "rgb24", "-r", str(Fraction(rate).limit_denominator()),
+        "-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", QUALITY,
+        "-metadata", f"comment={PROGRAM}", "-f", "mp4", "-movflags", "+faststart", path,
+    ]  # fmt: skip
+    with TemporaryFile() as said:
+        with child(command, stdin=subprocess.PIPE, stderr=said) as ffmpeg:
+            with suppress(BrokenPipeError):  # it has ended, and its status says so
+                for picture in (first, *pictures):
+                    ffmpeg.stdin.write(np.ascontiguousarray(picture[:height, :width]))
+                ffmpeg.stdin.close()
+            ffmpeg.wait()
+        if ffmpeg.returncode != 0:
+            said.seek(0)
+            lines = said.read().decode(errors="replace").split("\n")
+            raise RunError(f"the film could not be written: {lines[0] or f'ffmpeg ended with {ffmpeg.returncode}'}")

@@ -56,21 +56,37 @@ class Comparison:
 
     @property
     def same_steps(self) -> bool:
-        """Whether both runs have the same instants, so that what the time step does wrong in both does not show."""
-        return len({(run.time.tobytes(), run.steps_divided) for run in self.runs}) == 1
+        """Whether both runs have the same instants, as far as both go, so that what the time step does wrong in both
+        does not show."""
+        n = min(len(run.time) for run in self.runs)
+        return len({(run.time[:n].tobytes(), run.steps_divided) for run in self.runs}) == 1
+
+    @property
+    def covered(self) -> float:
+        """Instant up to which the runs are compared, s: one of them may have stopped."""
+        return min(float(run.time[-1]) for run in self.runs)
+
+    @property
+    def part(self) -> str:
+        """The part of the run that is compared, in words."""
+        planned = max(cautions.planned_end(run) for run in self.runs)
+        if self.covered >= planned * (1.0 - 1e-9):
+            return "over the run"
+        stopped = " and ".join(MODELS[run.model] for run in self.runs if run.time[-1] < planned * (1.0 - 1e-9))
+        return f"over the first {self.covered:.4g} s of {planned:.4g} s, where the {stopped} run stopped"
 
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
 
         The reduced output is interpolated linearly to the full-order instants that it covers. None where one
-        of the runs is absent or the full-order output is zero throughout.
+        of the runs is absent, one of them did no step, or the full-order output is zero throughout.
         """
         if self.full is None or self.reduced is None:
             return None
         covered = self.full.time <= self.reduced.time[-1] * (1 + 1e-12)
         time, exact = self.full.time[covered], self.full.outputs[output][covered]
         largest = np.max(np.abs(exact), initial=0.0)
-        if largest == 0.0:
+        if largest == 0.0 or len(time) < 2:
             return None
         reduced = np.interp(time, self.reduced.time, self.reduced.outputs[output])
         return time, 100.0 * np.abs(reduced - exact) / largest
@@ -190,7 +206,9 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
             axes.plot(run.time[-1], run.outputs[output][-1] * factor, "s", color=colour, markersize=6.0, clip_on=False)
         if line.errors is not None:
             # against a full-order run, the errors have a panel of their own
+            known = line.time <= line.errors.time[-1] * (1.0 + 1e-9)
             error = np.interp(line.time, line.errors.time, np.abs(line.errors.outputs[output]))
+            error[~known] = np.nan
             band = ((line.outputs[output] + sign * error) * factor for sign in (-1.0, 1.0))
             axes.fill_between(line.time, *band, color=colour, alpha=0.25, linewidth=0.0)
         if crosses is not None:
@@ -228,7 +246,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     if largest:
         axes.set_title(f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
     else:
-        axes.set_title("not known: no full-order values, or all are zero", fontsize=8.5, color=QUIET, pad=4.0)
+        axes.set_title("not known: no full-order values, all are zero, or a run did no step", fontsize=8.5, color=QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:

@@ -75,9 +75,10 @@ class CheckingModel:
         start = self.full.start_of_samples(values, n)
         return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
-    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
-        """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""
-        instants = schedule.steps, step, schedule.interval
+    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float, finer: int = 1) -> FullBatch:
+        """Return a batch under what acts at the instants of a schedule of a run with a step (s), as one that has
+        `finer` steps in each of these has felt it."""
+        instants = finer * schedule.steps, step / finer, schedule.interval
         effects = sampled_effects(self._effects, *instants)
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
         return batch.under(effects, motions)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.coarser_run import FEWEST, MOST_CORRECTIONS, TIMES, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
@@ -13,22 +17,34 @@ from pgmp_petsc.scene import Scene
 # steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
 # itself, and what they do wrong is a good part of the error of a few (docs/method.md, "where it is less good")
 FEW_STEPS = 10
+OF_MODEL = {"reduced": "", "full": " of the time step", "components": " of the time step"}
+SMALLER_ERRORS = {
+    "reduced": "a smaller simulation.step (or simulation.tolerance) or a better basis (reduction.tolerance) makes them "
+    "smaller, and pgmp tradeoff measures which of them does",
+    "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
+}
+SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
 HARDLY_KNOWN = 0.3  # estimated error as a share of an output's largest value; estimates are within a factor of 2.4
 
 
 def is_estimated(scene: Scene) -> bool:
-    """Return whether the errors of a scene's reduced runs are estimated."""
+    """Return whether the errors of a scene's runs are estimated."""
     return scene.simulation.error_indicator and bool(scene.outputs)
 
 
-def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, ...]:
-    """Return why the errors of a scene's reduced run or ensemble are not estimated; nothing where they are."""
+def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = False) -> tuple[Remark, ...]:
+    """Return why the errors of a scene's run or ensemble are not estimated; nothing where they are.
+
+    Those of a reduced model, or, `of_step`, of the time step of another one.
+    """
+    what, cure = ("errors of the time step", "compare with a smaller simulation.step") if of_step else ("errors", "")
+    cure = cure or comparing(scene)
     if not scene.outputs:
-        return (note("errors were not estimated: the scene has no [outputs], whose errors these would be"),)
+        return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
     if not scene.simulation.error_indicator:
-        return (_absent(scene, "simulation.error_indicator = false switches the estimate off"),)
+        return (note(f"{what} were not estimated: simulation.error_indicator = false switches the estimate off; {cure}"),)
     if ensemble and scene.ensemble.checked_share == 0.0:
-        return (_absent(scene, "ensemble.checked_share = 0 switches the estimate off"),)
+        return (note(f"{what} were not estimated: ensemble.checked_share = 0 switches the estimate off; {cure}"),)
     return ()
 
 
@@ -44,7 +60,7 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
     )
 
 
-def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
+def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remark, ...]:
     """Return a warning of outputs that are hardly known, by their estimated errors."""
     shares = {name: errors.share(name) for name in errors.outputs}
     found = [
@@ -56,11 +72,59 @@ def large_errors(errors: EstimatedErrors) -> tuple[Remark, ...]:
         return ()
     return (
         warning(
-            f"large estimated errors, as shares of the largest values over the run: {', '.join(found)}; a smaller "
-            "simulation.step (or simulation.tolerance) or a better basis (reduction.tolerance) makes them smaller, and "
-            "pgmp tradeoff measures which of them does"
+            f"large estimated errors{OF_MODEL[model]}, as shares of the largest values over the run: "
+            f"{', '.join(found)}; {SMALLER_ERRORS[model]}"
         ),
     )
+
+
+def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: StepErrors | None) -> list[Remark]:
+    """Return what is to be said of the estimated errors of a run's time step.
+
+    Parameters
+    ----------
+    time
+        Instants of the run, s.
+    other, errors
+        The run with the coarser step, and what it tells; None where it tells nothing.
+    """
+    with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
+    why = f"took more than {MOST_CORRECTIONS:g} of the corrections of the run itself and was given up"
+    if other.status[0] != Status.FINE:
+        why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
+    if errors is None:
+        if other.status[0] == Status.FINE and time.size <= FEWEST * TIMES:
+            why = f"has too few steps; {FEWEST * TIMES} or more of the run are wanted"
+        return [
+            warning(
+                f"errors of the time step were not estimated: {with_step} {why}; compare with half the step (--override "
+                f"simulation.step={0.5 * model.scene.simulation.step:.3g})"
+            )
+        ]
+    remarks = []
+    if errors.time[-1] < time[-1] * (1.0 - 1e-9):
+        remarks.append(
+            warning(
+                f"errors of the time step were estimated up to {errors.time[-1]:.4g} s of {time[-1]:.4g} s: {with_step} "
+                f"{why}; later ones may be larger, take a smaller simulation.step"
+            )
+        )
+    if np.isfinite(errors.lost_hz):
+        remarks.append(
+            warning(
+                f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} Hz "
+                "over the run: its phase is lost; take a smaller simulation.step, or damp it"
+            )
+        )
+    if errors.unsure:
+        remarks.append(
+            warning(
+                "estimated errors of the time step are unsure, and may be several times too small or too large: friction "
+                "or stops act together with vibrations that the step does not resolve; compare with a smaller "
+                "simulation.step"
+            )
+        )
+    return remarks
 
 
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
@@ -114,29 +178,24 @@ def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
 
 
 def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, ...]:
-    """Return that the errors of full-order and component runs are not estimated, and what measures them."""
+    """Return which errors of full-order and component runs are not estimated, and what measures them."""
     scene = model.scene
     if isinstance(model, SeparateLengths):
-        return (note("errors of mesh and time step were not estimated: each sample has a mesh of its own lengths"),)
+        return (note("errors of the mesh were not estimated: each sample has a mesh of its own lengths"),)
     if isinstance(model, ComponentModel):
         counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
         return (
             note(
-                f"errors of the component modes ({counts}) and of the time step were not estimated; take more "
-                f"reduction.modes and a smaller simulation.step, or {comparing(scene)}"
+                f"errors of the component modes ({counts}) were not estimated; take more reduction.modes, or "
+                f"{comparing(scene)}"
             ),
             note(_left_out(scene)),
             *_condensed_alone(model),
         )
-    cure = "pgmp tradeoff measures those of the reduced one and of the step"
+    cure = "pgmp tradeoff measures them"
     if len(scene.coordinates) > MOST_COORDINATES or any(body.element != "beam2d" for body in scene.bodies.values()):
-        cure = "compare with a finer mesh and a smaller simulation.step"
-    return (
-        note(
-            "errors of mesh and time step were not estimated: the full-order model is what reduced runs are compared "
-            f"with; {cure}"
-        ),
-    )
+        cure = "compare with a finer mesh"
+    return (note(f"errors of the mesh were not estimated; {cure}"),)
 
 
 def _left_out(scene: Scene) -> str:
@@ -167,6 +226,3 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
         ),
     )
 
-
-def _absent(scene: Scene, reason: str) -> Remark:
-    return note(f"errors were not estimated: {reason}; {comparing(scene)}")

@@ -39,14 +39,11 @@ class Instant:
     ----------
     q, v, a
         Unknowns, velocities and accelerations that belong together.
-    shaken
-        Unknowns with what the vibrations lack.
     """
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    shaken: np.ndarray
 
 
 class ReferenceMotion:
@@ -57,8 +54,7 @@ class ReferenceMotion:
     unknowns, n_dofs
         Back-transformation, and the number of its unknowns.
     states
-        Reduced coordinates, velocities, accelerations and missing vibrations at every instant, shape (n_instants, 4,
-        n_samples, n_eta).
+        Reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples, n_eta).
     n_theta
         Number of rigid coordinates.
     longest
@@ -79,7 +75,7 @@ class ReferenceMotion:
     ) -> None:
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
         self._n_theta, self._longest, self._rotations = n_theta, longest, rotations
-        self._first, self._kept = 0, np.empty((4, 0, 0, 0))
+        self._first, self._kept = 0, np.empty((3, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
@@ -88,14 +84,10 @@ class ReferenceMotion:
     def over(self, number: int, n: int) -> np.ndarray:
         """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
         n_samples)."""
-        return self._of(number, n)[:3]
-
-    def shaken(self, number: int, n: int) -> np.ndarray:
-        """Return the unknowns with what the vibrations lack at n instants, shape (n, n_dofs, n_samples)."""
-        return self._of(number, n)[3]
+        return self._of(number, n)
 
     def _of(self, number: int, n: int) -> np.ndarray:
-        """Return the parts of n instants from a number on, shape (4, n, n_dofs, n_samples)."""
+        """Return the parts of n instants from a number on, shape (3, n, n_dofs, n_samples)."""
         first = number - self._first
         if not 0 <= first <= self._kept.shape[1] - n:
             self._compute(number, n)
@@ -106,7 +98,7 @@ class ReferenceMotion:
         n_samples, n_dofs = self._states.shape[2], self._n_dofs
         numbers = (1 + len(AT)) * n_dofs * n_samples
         states = self._states[number : number + max(n, LARGEST // numbers)]
-        kept = np.empty((4, len(states), n_dofs, n_samples))
+        kept = np.empty((3, len(states), n_dofs, n_samples))
         n_together = max(1, TOGETHER // numbers)
         for first in range(0, len(states), n_together):
             some = slice(first, first + n_together)
@@ -114,13 +106,13 @@ class ReferenceMotion:
         self._first, self._kept = number, kept
 
     def _fill(self, states: np.ndarray, kept: np.ndarray) -> None:
-        """Fill the parts of instants, (4, n, n_dofs, n_samples), for states (n, 4, n_samples, n_eta)."""
+        """Fill the parts of instants, (3, n, n_dofs, n_samples), for states (n, 3, n_samples, n_eta)."""
         r = self._n_theta
         pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
         bending, changing = (np.abs(states[:, part, :, r:]) @ self._rotations for part in (1, 2))
         bent = (TURN / BEND) ** 2 * np.maximum(bending**2, BEND * changing)
         tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))
-        eta = np.empty((2 + len(AT), *tau.shape, states.shape[3]))
+        eta = np.empty((1 + len(AT), *tau.shape, states.shape[3]))
         fill_path(states, tau, eta)
         found = self._unknowns(eta.reshape(-1, eta.shape[-1]))
         fill_motion(found.reshape(-1, *eta.shape[:-1]), tau, *kept)
@@ -128,7 +120,7 @@ class ReferenceMotion:
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def fill_path(states, tau, eta):
-    """Fill reduced coordinates: those of states, shaken ones, and those along the path on both sides.
+    """Fill reduced coordinates: those of states, and those along the path on both sides.
 
     Parameters
     ----------
@@ -137,28 +129,28 @@ def fill_path(states, tau, eta):
     tau
         Steps of the differences, shape (n, n_samples), s.
     eta
-        Results, shape (6, n, n_samples, n_eta).
+        Results, shape (5, n, n_samples, n_eta).
     """
     for k in range(tau.shape[0]):
         for b in range(tau.shape[1]):
             for d in range(states.shape[3]):
                 q, v, a = states[k, 0, b, d], states[k, 1, b, d], states[k, 2, b, d]
-                eta[0, k, b, d], eta[1, k, b, d] = q, q + states[k, 3, b, d]
+                eta[0, k, b, d] = q
                 for side in range(len(AT)):
                     far = AT[side] * tau[k, b]
-                    eta[2 + side, k, b, d] = q + far * v + 0.5 * (far * far) * a
+                    eta[1 + side, k, b, d] = q + far * v + 0.5 * (far * far) * a
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
-def fill_motion(found, tau, q, v, a, shaken):
-    """Fill the parts of instants, (n, n_dofs, n_samples), from unknowns (n_dofs, 6, n, n_samples) at `fill_path`."""
+def fill_motion(found, tau, q, v, a):
+    """Fill the parts of instants, (n, n_dofs, n_samples), from unknowns (n_dofs, 5, n, n_samples) at `fill_path`."""
     for k in range(tau.shape[0]):
         for dof in range(found.shape[0]):
             for b in range(tau.shape[1]):
                 here = found[dof, 0, k, b]
                 first, second = 0.0, HERE * here
                 for side in range(len(AT)):
-                    first += FIRST[side] * found[dof, 2 + side, k, b]
-                    second += SECOND[side] * found[dof, 2 + side, k, b]
-                q[k, dof, b], shaken[k, dof, b] = here, found[dof, 1, k, b]
+                    first += FIRST[side] * found[dof, 1 + side, k, b]
+                    second += SECOND[side] * found[dof, 1 + side, k, b]
+                q[k, dof, b] = here
                 v[k, dof, b], a[k, dof, b] = first / tau[k, b], second / tau[k, b] ** 2

@@ -88,6 +88,14 @@ class ErrorSystem:
         state.a += moved.a - before[2]
         return size
 
+    def begin_iteration(self) -> None:
+        """Take note that an iteration begins."""
+        self._full.begin_iteration()
+
+    def limited(self) -> np.ndarray:
+        """Return the samples of which a law was limited."""
+        return self._full.limited()
+
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
         """Take steps of the error; see `FullBatch.take_steps`."""
         first = round(asked.ends[0] / self._interval)

@@ -1,20 +1,15 @@
-"""At which steps of a run its error is evaluated.
+"""At which steps of a run its error is evaluated: at all of them, as far as that is not dear.
 
-About a hundred evaluations do for a motion that turns slowly. The residual changes as the mechanism turns, though, and
-bends the bodies the more dynamically the faster; a sample is therefore evaluated so often that it turns by no more than
-`TURN` between two evaluations. Where vibrations make up a good part of the bending, the residual vibrates too, and
-evaluations follow at the pace of the slowest one. While a stop is entered the residual is another one, which sets in
-and ends between two evaluations: its impulse is known to about the share of one of them in the whole contact, and so a
-contact takes `IN_CONTACT` of them.
+Errors of what the reduction leaves out are driven for a long time where they meet a vibration of the bodies or of the
+mechanism, and set off at once where a stop is entered or friction turns round. Instants that are further apart than the
+run's own steps damp the one and miss the other.
 
-Vibrations that are faster than the evaluations cannot be foreseen so. Seen at the rate 1/T, a residual of frequency f
-looks like one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time
-(aliasing). Each estimate is therefore compared with one on other instants, and made anew on denser ones until two of
-them agree. Strides are Fibonacci numbers: neighbours have no common factor, so that a frequency which the one schedule
-takes for constant is not constant for the next. Every interval is a whole number of steps, the same throughout; one
-that is not would move the motion by up to half a step in time from one evaluation to the next.
-
-Each sample goes by its own motion, so that none has a part in another's estimate.
+A run of many steps, or a dear one, is evaluated at even strides. What is faster than these cannot be foreseen: seen at
+the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
+drives the mechanism for a long time (aliasing). So there are two sets of instants then, with strides s and s + 1, which
+have no common factor: a frequency that the one takes for constant is not constant for the other. An estimate holds
+where both agree. Every interval is a whole number of steps, the same throughout; one that is not would move the motion
+by up to half a step in time from one evaluation to the next.
 """
 
 from __future__ import annotations
@@ -24,12 +19,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-N_EVALUATIONS = 100
-MOST = 1600
-TURN = 0.15  # rad
-SHAKEN = 0.1
-IN_CONTACT = 15
-AGREED = 1.5  # ratio of two estimates, of which the second is then kept
+from pgmp_petsc.mechanism.mechanism import Mechanism
+
+# us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
+OF_BEAM, OF_PAIR = 0.8, 0.17
+DEAR = 4e6  # us that the evaluations of a sample may take
+MOST = 4000  # evaluations
+LEAST = 100
+AGREED = 3.0  # ratio of the estimates of two sets of instants beyond which neither is known
 
 
 @dataclass(frozen=True)
@@ -51,29 +48,22 @@ class Schedule:
     places: np.ndarray
     interval: float
 
-    @property
-    def complete(self) -> bool:
-        """Whether every step is evaluated."""
-        return self.steps.size == self.steps[-1] + 1
 
-
-def schedules(n_steps: int, duration: float) -> list[Schedule]:
-    """Return schedules from the coarsest to the finest.
-
-    The finest holds the steps of all; they are those to be kept. The second is the coarsest that has `N_EVALUATIONS`;
-    the first is there to be compared with. A run of so few steps that all are evaluated has only one.
-    """
-    finest = -(-n_steps // MOST)
-    strides = [1, 2]
-    while n_steps >= N_EVALUATIONS * finest * strides[-1]:
-        strides.append(strides[-2] + strides[-1])
-    if n_steps <= 2 * N_EVALUATIONS:
-        strides = [1]
-    steps = [_every(finest * stride, n_steps) for stride in reversed(strides)]
-    intervals = [finest * stride * (duration / n_steps) for stride in reversed(strides)]
+def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
+    """Return the schedules of a run: one with every step, or two with no more than `most` each, the finer one last."""
+    stride = -(-n_steps // min(max(most, LEAST), MOST))
+    strides = [stride + 1, stride] if stride > 1 else [1]
+    steps = [_every(each, n_steps) for each in strides]
+    kept = kept_steps(steps)
     return [
-        Schedule(chosen, np.searchsorted(steps[-1], chosen), interval) for chosen, interval in zip(steps, intervals)
+        Schedule(chosen, np.searchsorted(kept, chosen), each * (duration / n_steps))
+        for chosen, each in zip(steps, strides)
     ]
+
+
+def kept_steps(steps: list[np.ndarray]) -> np.ndarray:
+    """Return the numbers of the steps that any of some sets of them has, increasing."""
+    return np.unique(np.concatenate(steps))
 
 
 def _every(stride: int, n_steps: int) -> np.ndarray:
@@ -81,36 +71,20 @@ def _every(stride: int, n_steps: int) -> np.ndarray:
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray, contacts: np.ndarray) -> np.ndarray:
-    """Return the longest time between two evaluations, shape (n,), s.
-
-    Parameters
-    ----------
-    speeds
-        Largest speed of the rigid coordinate over the run, shape (n,), rad/s.
-    shaken
-        What the time step did to the vibrations as a share of the bending, shape (n,).
-    periods
-        Time in which the slowest vibration turns by a radian, shape (n,), s.
-    contacts
-        Shortest contact, infinite where there is none, shape (n,), s.
-    """
-    turning = np.minimum(TURN / np.maximum(speeds, 1e-300), np.where(shaken > SHAKEN, periods, np.inf))
-    return np.minimum(turning, contacts / IN_CONTACT)
+def agree(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return for which samples each of two estimates (n,) differ by at most a factor `AGREED`; NaN does not agree."""
+    return {name: (one[name] <= AGREED * other[name]) & (other[name] <= AGREED * one[name]) for name in one}
 
 
-def choose(choices: list[Schedule], longest: np.ndarray) -> np.ndarray:
-    """Return the number of the schedule that each sample needs for its longest interval (s), shape (n,).
-
-    Never the first of several, which is there to be compared with.
-    """
-    rates = np.array([1.0 / choice.interval for choice in choices])
-    # round-off must not cost more evaluations
-    needed = np.searchsorted(rates * (1.0 + 1e-9), 1.0 / longest)
-    return np.clip(needed, min(1, len(choices) - 1), len(choices) - 1)
+def price_of_evaluation(mechanism: Mechanism) -> float:
+    """Return about how long an evaluation of the full-order equations takes, corrections included, us of one core."""
+    price = 0.0
+    for body in mechanism.bodies:
+        n = mechanism.space.n_pose * body.n_nodes + body.n_internal
+        price += OF_BEAM * n if body.component is None or body.component.rigid else OF_PAIR * n**2
+    return price
 
 
-def agree(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return for which samples all of two estimates (n,) differ by at most a factor `AGREED`; NaN does not agree."""
-    pairs = [(one[name], other[name]) for name in one]
-    return np.all([(a <= AGREED * b) & (b <= AGREED * a) for a, b in pairs], axis=0)
+def most_evaluations(mechanism: Mechanism) -> int:
+    """Return how many evaluations a run's estimate may have."""
+    return int(DEAR / price_of_evaluation(mechanism))

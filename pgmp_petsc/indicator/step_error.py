@@ -216,15 +216,20 @@ def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, 
         for p in range(N_VALUES - 2, 0, -1):
             past[p, b, d] = past[p - 1, b, d]
         past[0, b, d] = motion[2, b, d]
-    for c in range(r):
-        missing[b, c] = 0.0
-    for d in range(m):
-        lack = 0.0
-        for k in range(m):
-            lack += held.shapes[b, d, k] * vibration[b, 0, k]
-        missing[b, r + d] = lack
+    # displacement, velocity and acceleration of the free vibrations that are missing; `now` is done with
+    for k in range(m):
+        now[0, k], now[1, k] = vibration[b, 0, k], vibration[b, 1, k]
+        now[2, k] = -held.squares[b, k] * vibration[b, 0, k] - held.decays[b, k] * vibration[b, 1, k]
+    for p in range(3):
         for c in range(r):
-            missing[b, c] -= held.follow[b, c, d] * lack
+            missing[p, b, c] = 0.0
+        for d in range(m):
+            lack = 0.0
+            for k in range(m):
+                lack += held.shapes[b, d, k] * now[p, k]
+            missing[p, b, r + d] = lack
+            for c in range(r):
+                missing[p, b, c] -= held.follow[b, c, d] * lack
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -358,10 +363,10 @@ class StepError:
         -------
         exact : ndarray, shape (n_steps, 2, n, n_eta)
             Coordinates and velocities with the coordinates that follow from the accelerations.
-        missing : ndarray, shape (n_steps, n, n_eta)
-            What the vibrations lack, in reduced coordinates.
+        missing : ndarray, shape (n_steps, 3, n, n_eta)
+            What the vibrations lack, in reduced coordinates, and its first and second rates.
         """
-        exact, missing = np.empty_like(motion[:, :2]), np.empty_like(motion[:, 0])
+        exact, missing = np.empty_like(motion[:, :2]), np.empty_like(motion)
         if turns is None:
             nothing = np.zeros(0, dtype=np.int64)
             coming = nothing, nothing, Held.none(0, *self._held.follow.shape[1:])

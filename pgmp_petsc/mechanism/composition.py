@@ -27,8 +27,10 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import PointMass
 from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.spanning_values import outermost_values
 
 GROUND = "ground"
+RARE = 1e-6  # share of samples beyond values that sections are made for
 
 
 def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]:
@@ -98,7 +100,7 @@ def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
             "needed: orientation = [x, y, z], a direction across all elements, that of the section's height"
         )
     material = None if entry.material is None else scene.materials[entry.material]
-    section = SpatialSection.of(entry.section, material, scene.nominal)
+    section = SpatialSection.of(entry.section, material, scene.nominal, outermost_values(scene, RARE))
     if entry.flexible:
         return Body.beam_in_space(name, mesh, section, axes, profiles_of(scene, name, mesh))
     return replace(Body.condensed(name, rigid_line(name, mesh, section, axes)), shape=mesh)

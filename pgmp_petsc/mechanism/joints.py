@@ -37,11 +37,6 @@ class Joint:
         """Whether the two points share their position."""
         return self.statements[0].kind == MEET
 
-    @property
-    def slides(self) -> bool:
-        """Whether b moves along one line of a."""
-        return self.kind == "point_on_line"
-
 
 def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> Joint:
     """Make a joint.

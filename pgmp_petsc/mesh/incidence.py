@@ -46,6 +46,12 @@ def cell_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     return cells[:, faces].reshape(-1, faces.shape[1])
 
 
+def bounds_one_cell(faces: np.ndarray) -> np.ndarray:
+    """Return which faces of all cells (n_faces, n_face_nodes), each cell's own, bound no other cell."""
+    numbers = set_numbers(faces)
+    return np.bincount(numbers)[numbers] == 1
+
+
 def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     """Return an edge from each cell to each of its nodes, shape (2, n_edges); cell i is vertex n_nodes + i.
 

@@ -69,14 +69,13 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
 
 def _read_apart(path: Path, received: str) -> meshio.Mesh:
     """Read a file whose reader may not end, in another process."""
-    import subprocess  # takes a noticeable time, and few meshes are read so
+    from pgmp_petsc.runtime.children import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
 
-    command = [sys.executable, "-c", _READER, str(path)]
-    try:
-        done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=LONGEST_READING)
-        found = pickle.loads(done.stdout) if done.stdout else f"its reader ended with {done.returncode}"
-    except subprocess.TimeoutExpired:
+    done = run_child([sys.executable, "-c", _READER, str(path)], LONGEST_READING)
+    if done.returncode == TIME_IS_OVER:
         found = f"its reader had not ended after {LONGEST_READING:g} s"
+    else:
+        found = pickle.loads(done.stdout) if done.stdout else f"its reader ended with {done.returncode}"
     if isinstance(found, str):
         raise _unreadable(received, found)
     return found

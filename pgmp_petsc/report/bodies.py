@@ -134,30 +134,36 @@ def _in_space(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Stress:
-    """The largest von Mises' stress of a run, in surfaces and within, at its frames.
+    """The largest von Mises' stress of a run, in surfaces and within.
 
     Attributes
     ----------
     over_time
-        Of all bodies, shape (n_f,), Pa.
+        Of all bodies at the frames, shape (n_f,), Pa.
     largest
-        Of all frames, Pa.
+        Of all frames, and of the outputs of this stress at all steps, Pa.
     body, frame
-        Where it is.
+        Where it is, and the frame at which that of the frames is largest.
+    when
+        Its instant, and of what it is the largest.
     path, index
-        Dataset and place in the file; empty of beams, where it is worked out of two.
+        Dataset and place in the file; empty of beams at frames, where it is worked out of two.
     """
 
     over_time: np.ndarray
     largest: float
     body: str
     frame: int
+    when: str
     path: str
     index: str
 
 
 def stress_of(run: Trajectory) -> Stress | None:
-    """Return the largest stress; None where none is known."""
+    """Return the largest stress; None where none is known.
+
+    Outputs know of all steps, frames of some: a peak between two frames is that of an output, where one has it.
+    """
     known = {name: VALUES["mises"](own) for name, own in run.fields.items() if not own.rigid}
     known = {name: values for name, values in known.items() if values is not None and np.isfinite(values).any()}
     if not known:
@@ -165,9 +171,29 @@ def stress_of(run: Trajectory) -> Stress | None:
     over_time = np.max([np.nanmax(values, axis=1, initial=0.0) for values in known.values()], axis=0)
     body = max(known, key=lambda name: np.nanmax(known[name]))
     frame, node = map(int, np.unravel_index(np.nanargmax(known[body]), known[body].shape))
-    plain = "von_mises" in run.fields[body].at_nodes
+    largest, plain = float(known[body][frame, node]), "von_mises" in run.fields[body].at_nodes
     path = f"/fields/{body}/at_nodes/von_mises/{frame_name(frame)}" if plain else ""
-    return Stress(over_time, float(known[body][frame, node]), body, frame, path, str(node) if plain else "")
+    when = f"at {run.frames.time[frame]:.4g} s, of the {len(run.frames.time)} frames kept"
+    found = Stress(over_time, largest, body, frame, when, path, str(node) if plain else "")
+    for output, of_body in _mises_outputs(run).items():
+        values = np.nan_to_num(run.outputs[output])
+        step = int(np.argmax(np.abs(values)))
+        size = abs(float(values[step]))
+        if of_body in known and size > found.largest:
+            when = f"at {run.time[step]:.4g} s, of all steps ({output})"
+            path = f"/outputs/{output}" if values[step] > 0.0 else ""
+            found = replace(found, largest=size, body=of_body, when=when, path=path, index=str(step) if path else "")
+    return found
+
+
+def _mises_outputs(run: Trajectory) -> dict[str, str]:
+    """Return the bodies of the outputs that are of this stress; of beams it is that of their outermost fibres."""
+    entries = scene_of(run.record).get("outputs", {})
+    return {
+        name: str(entry.get("body"))
+        for name, entry in entries.items()
+        if name in run.outputs and entry.get("quantity") in ("von_mises", "stress_max", "stress_min")
+    }
 
 
 def meshed_bodies(run: Trajectory) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from pgmp_petsc.figures.trajectories import Comparison
 from pgmp_petsc.report.datum import Datum, Sentence, in_words, share_text
 from pgmp_petsc.report.sources import Build, Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.errors import VALIDITY, limits_of
+from pgmp_petsc.results.errors import OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import percent
+from pgmp_petsc.results.statistics import DOUBT
 
 PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
 
@@ -51,18 +52,30 @@ class ModelError:
         The same as figures of the page.
     with_step
         The estimate that knows of the time step too, where this error does not; None otherwise.
+    at_end
+        As `shares`, at the end of the run alone.
+    doubt
+        So many times as large are no more than 5 % of errors.
     """
 
     shares: dict[str, float]
     how: str
     datums: dict[str, Datum]
     with_step: ModelError | None = None
+    at_end: dict[str, float] = field(default_factory=dict)
+    doubt: float = 1.0
 
     @property
     def worst(self) -> str | None:
         """The output with the largest error; None where none is known."""
         known = {name: share for name, share in self.shares.items() if np.isfinite(share)}
         return max(known, key=known.__getitem__) if known else None
+
+    def bound(self, output: str, when: str) -> float:
+        """Return what an output's error hardly exceeds, ``ever`` or at the ``end``, as a share; NaN if not known."""
+        shares = self.at_end if when == "end" else self.shares
+        further = np.nan if self.with_step is None else self.with_step.bound(output, when)
+        return float(np.fmax(self.doubt * shares.get(output, np.nan), further))
 
 
 def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
@@ -75,31 +88,34 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
     """Return the difference from the first run of a better model, and the estimate where that knows of more."""
     for comparison in comparisons:
         if comparison.full is not None and comparison.reduced is not None:
-            shares = {}
+            shares, at_end = {}, {}
             for name in comparison.reduced.outputs:
                 found = comparison.error_percent(name) if name in comparison.full.outputs else None
                 shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
-            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, over the run"
+                at_end[name] = float("nan") if found is None else float(found[1][-1] / 100.0)
+            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, {comparison.part}"
             alike = comparison.same_steps
             if alike:
                 how += ", with the same time step: what it does wrong in both alike does not show"
             datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
-            return ModelError(shares, how, datums, estimated if alike else None)
+            return ModelError(shares, how, datums, estimated if alike else None, at_end)
     return None
 
 
 def _estimated(sources: Sequence[Source]) -> ModelError | None:
     """Return the estimate of the first run that has one."""
     for source in sources:
-        if isinstance(source.result, Trajectory) and source.result.errors is not None:
-            errors = source.result.errors
+        errors = source.result.errors if isinstance(source.result, Trajectory) else None
+        if errors is not None and errors.what != OF_STEP:
             shares = {name: errors.share(name) for name in errors.outputs}
             how = "estimated from residuals of the full-order equations, over the run; the time step's own is in it"
             datums = {
                 name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
                 for name, share in shares.items()
             }
-            return ModelError(shares, how, datums)
+            ends = {name: abs(float(values[-1])) / errors.largest[name] if errors.largest[name] > 0.0 else float("nan")
+                    for name, values in errors.outputs.items()}  # fmt: skip
+            return ModelError(shares, how, datums, at_end=ends, doubt=DOUBT)
     return None
 
 
@@ -109,6 +125,7 @@ def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Li
     builds = [source.result for source in sources if isinstance(source.result, Build)]
     return [
         *_of_model(sources, error),
+        *_of_steps(sources),
         *_of_parts(builds),
         *_of_mesh(studies),
         *_of_sampling(sources),
@@ -150,6 +167,26 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
             )
+
+
+def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield what the time step does to outputs of full-order and component runs."""
+    for source, errors in step_errors(sources):
+        run = source.result
+        part = "" if errors.time[-1] >= run.time[-1] * (1.0 - 1e-9) else f", up to {errors.time[-1]:.4g} s only"
+        for name in errors.outputs:
+            share = errors.share(name)
+            size = [Datum(share, share_text(share), source.name, f"/errors/{name}@share")] if np.isfinite(share) else []
+            what = f"time step, {MODELS[run.model]}: {in_words(name)}"
+            yield Line(what, size, f"estimated from a run with a coarser step{part}")
+
+
+def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedErrors]]:
+    """Yield the runs that know the errors of their time step alone, and these."""
+    for source in sources:
+        errors = source.result.errors if isinstance(source.result, Trajectory) else None
+        if errors is not None and errors.what == OF_STEP:
+            yield source, errors
 
 
 def _largest_first(item: tuple[str, float]) -> float:
@@ -200,10 +237,11 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
         for label, chance in result.probabilities.items():
             half = 0.5 * float(chance.interval[1] - chance.interval[0])
             size = [Datum(half, f"± {100 * half:.2g} percentage points")] if np.isfinite(half) else []
-            yield Line(f"sampling: P({label})", size, f"{percent(chance.confidence)} interval of {chance.n} samples")
+            how = f"{percent(chance.confidence)} interval of {chance.of}"
+            yield Line(f"sampling: P({label})", size, how)
         for name in result.outputs:
             s = result.statistics.get(name)
-            if s is not None and np.isfinite(s.mean_interval).all():
+            if s is not None and np.isfinite(s.mean_interval).all() and not s.constant:
                 half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
                 size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]

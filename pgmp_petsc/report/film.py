@@ -48,7 +48,7 @@ class Legend:
     stops
         Colours from zero to the largest value.
     largest
-        Of the whole run.
+        Of the whole run, as far as it is known.
     where
         Body and instant of it.
     """
@@ -146,7 +146,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     time = frames.time[chosen]
     bar = _bar(picture.unit)
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
-    legend = None if stress is None else _legend(stress, frames.time[stress.frame], name, stops)
+    legend = None if stress is None else _legend(stress, name, stops)
     data: dict[str, Any] = {
         "time": time.tolist(),
         "decimals": _decimals(time),
@@ -284,11 +284,11 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
     return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
 
 
-def _legend(stress: Stress, time: float, name: str, stops: list[str]) -> Legend:
+def _legend(stress: Stress, name: str, stops: list[str]) -> Legend:
     factor, unit = axis_unit("Pa", np.array([stress.largest]))
     largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
                     stress.index)  # fmt: skip
-    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} at {time:.4g} s")
+    return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} {stress.when}")
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:

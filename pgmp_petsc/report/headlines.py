@@ -12,6 +12,7 @@ from pgmp_petsc.report.datum import share_text
 from pgmp_petsc.report.sources import Build
 from pgmp_petsc.report.verdict import MUCH_MORE
 from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results.errors import OF_STEP
 from pgmp_petsc.results.numbers import interval_text, number_text
 from pgmp_petsc.runtime.errors import counted
 from pgmp_petsc.runtime.files import RunRecord
@@ -33,7 +34,8 @@ def headline_of_run(path: Path) -> str:
     error = "errors were not estimated"
     if known:
         worst = max(known, key=known.__getitem__)
-        error = f"estimated error at most {share_text(known[worst])} ({worst})"
+        of = " of the time step" if run.errors.what == OF_STEP else ""
+        error = f"estimated error{of} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"
     return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s; {error}{_remarks(run.record)}"
@@ -46,6 +48,9 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
     known = {name: error for name, error in found.items() if error is not None and np.isfinite(error[1]).all()}
     if not known:
+        if comparison.covered == 0.0:
+            stopped = " and ".join(MODELS[one.model] for one in comparison.runs if len(one.time) < 2)
+            return f"{MODELS[other.model]}: nothing is compared: the {stopped} run did no step"
         return f"{MODELS[other.model]}: its outputs are zero or not known, so no share can be given"
     worst = max(known, key=lambda name: np.max(known[name][1]))
     time, error = known[worst]
@@ -54,7 +59,10 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     words = (
         f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at {when}"
     )
-    estimated = run.errors.outputs if comparison.same_steps and run.errors is not None else ()
+    if comparison.part != "over the run":
+        words += f"; compared {comparison.part}"
+    knows = comparison.same_steps and run.errors is not None and run.errors.what != OF_STEP
+    estimated = run.errors.outputs if knows else ()
     own = run.errors.share(worst) if worst in estimated else np.nan
     if MUCH_MORE * own < share:
         words += f"; {share_text(own)} is estimated to be the {MODELS[run.model]} run's"
@@ -70,12 +78,14 @@ def headline_of_ensemble(path: Path) -> str:
     for chance in list(ensemble.probabilities.values())[:1]:
         ends = 100.0 * chance.interval
         known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
-        parts.append(f"P({chance.event}) {'is not known' if np.isnan(chance.estimate) else known}")
+        known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
+        parts.append(f"P({chance.event}) {known if chance.is_decided() else f'is {chance.doubt()}'}")
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]
             unit = ensemble.units.get(name, "1")
             mean = f"{number_text(s.mean, s.mean_interval, 7)} {interval_text(s.mean_interval)}"
+            mean = f"{s.mean:.7g}, constant" if s.constant else mean
             parts.append(f"mean {name} {mean}{'' if unit == '1' else ' ' + unit}")
     return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
 

@@ -25,7 +25,6 @@ from pgmp_petsc.runtime.files import KINDS
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
 MOST_CURVES = 7
 MOST_FAILED = 20
-SAME = 1e-12  # share of a quantity within which its samples count as equal: some digits above round-off
 
 
 @dataclass(frozen=True)
@@ -191,6 +190,11 @@ def _statistics(source: Source, several: bool) -> Table:
             continue
         factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
         place = Place(source.name, f"/statistics/{name}")
+        if s.constant:
+            mean, count = place.datum("mean", s.mean, f"{factor * s.mean:.6g}"), place.datum("count", s.count, f"{s.count}")
+            title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
+            rows.append([[title], [mean], ["constant"], [count], *([[]] * s.probabilities.size)])
+            continue
         quantiles = [
             place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
             for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
@@ -213,8 +217,7 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
         names = [name for name in ensemble.statistics if name not in ensemble.parameters]
         for name in (*names, *ensemble.parameters):
             s = ensemble.statistics.get(name)
-            # of what is the same in all samples there is no density
-            if s is None or not s.edges.size or not np.ptp(s.quantiles) > SAME * np.abs(s.quantiles).max():
+            if s is None or not s.edges.size or s.constant:  # of what is the same in all samples there is no density
                 continue
             of_input = name in ensemble.parameters
             lost = ensemble.parameters[name][failed] if of_input else np.empty(0)

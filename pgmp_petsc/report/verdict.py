@@ -8,14 +8,14 @@ import numpy as np
 
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.motion import WORDS
-from pgmp_petsc.figures.style import MODELS, axis_unit
+from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.report.bodies import stress_of
-from pgmp_petsc.report.budget import ModelError
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case
+from pgmp_petsc.report.budget import ModelError, step_errors
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case, share_text
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
-from pgmp_petsc.results.numbers import end_texts, percent
+from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent
 
 MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are wrong, see docs/method.md
 
@@ -26,7 +26,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     runs = [source for source in sources if isinstance(source.result, Trajectory)]
     sentences: list[Sentence] = []
     for source in ensembles:
-        sentences += _of_ensemble(source, len(ensembles) > 1)
+        sentences += _of_ensemble(source, len(ensembles) > 1, error)
     if not sentences:
         for source in runs[:1]:
             sentences += _of_run(source)
@@ -34,22 +34,36 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
     sentences += _of_error(error, runs or ensembles, ensembles)
+    sentences += _of_time_steps(sources)
     sentences += _of_failures(ensembles, runs)
     return sentences
 
 
-def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
-    """Yield probabilities of events; where the scene has none, the means and where most samples lie."""
+def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Iterator[Sentence]:
+    """Yield probabilities of events; where the scene has none, the means and where most samples lie.
+
+    A probability that the model does not decide has no figure that the page would print in bold.
+    """
     ensemble = source.result
     ahead = f"{source.name}: " if several else ""
+    events = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {})
     for label, chance in ensemble.probabilities.items():
-        place = Place(source.name, f"/probabilities/{label}")
-        if np.isnan(chance.estimate):
-            yield [f"{ahead}P({chance.event}) is not known: no sample tells."]
-            continue
-        level = percent(chance.confidence)
+        place, event = Place(source.name, f"/probabilities/{label}"), events.get(label, {})
         parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
-        yield [f"{ahead}P({chance.event}) = ", parts[0], " %", *parts[1:], f", {level} interval of {chance.n} samples."]
+        of = f"{percent(chance.confidence)} interval of {chance.of}"
+        of_runs = np.nan
+        if error is not None and ensemble.model == "reduced":
+            of_runs = error.bound(event.get("output", ""), event.get("when", "end"))
+        if np.isnan(chance.estimate):
+            words = f"{ahead}P({chance.event}) is not known"
+            yield [f"{words}: no sample tells."] if np.isnan(chance.interval).any() else [words, parts[1], f" %, {of}."]
+        elif chance.is_decided(of_runs):
+            yield [f"{ahead}P({chance.event}) = ", parts[0], " %", *parts[1:], f", {of}."]
+        else:
+            ends = 100.0 * chance.interval
+            said = f"{number_text(100.0 * chance.estimate, ends, 6)} % {interval_text(ends)}, {of}"
+            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs)}."]
+            yield [f"What the samples of this model say: {said}."]
     if ensemble.probabilities:
         return
     for name in ensemble.outputs:
@@ -59,6 +73,10 @@ def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
         factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles)
         unit = "" if unit == "1" else f" {unit}"
         place = Place(source.name, f"/statistics/{name}")
+        if s.constant:
+            yield [f"{ahead}{sentence_case(in_words(name))} at the end is constant: ",
+                   place.datum("mean", s.mean, f"{factor * s.mean:.6g}"), f"{unit}."]  # fmt: skip
+            continue
         figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
@@ -89,10 +107,9 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         factor, unit = axis_unit("Pa", np.array([stress.largest]))
         largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
                         stress.path, stress.index)  # fmt: skip
-        at = f"in {stress.body} at {run.frames.time[stress.frame]:.4g} s, of the {len(run.frames.time)} frames kept"
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)
         doubt = "; it is that of the modes alone and may be far off" if lacking else ""
-        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, {at}{doubt}."]
+        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
 
 
 def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
@@ -140,6 +157,18 @@ def _of_steps(measured: ModelError, known: ModelError) -> Iterator[Sentence]:
         ]
 
 
+def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
+    """Yield what is known of the time step's error in full-order and component runs, where it is worth a sentence."""
+    for source, errors in step_errors(sources):
+        known = {name: errors.share(name) for name in errors.outputs}
+        known = {name: share for name, share in known.items() if np.isfinite(share)}
+        if known:
+            worst = max(known, key=known.__getitem__)
+            share = Datum(known[worst], share_text(known[worst]), source.name, f"/errors/{worst}@share")
+            model = MODELS[source.result.model]
+            yield [f"Error of the time step of the {model} run, estimated: ", share, f" of the largest {in_words(worst)}."]
+
+
 def _checked(source: Source) -> Iterator[str | Datum]:
     """Yield the largest estimated error of every output of an ensemble, commas between them and at the end."""
     for name, values in source.result.errors.items():
@@ -157,7 +186,10 @@ def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterato
         failed = int(np.count_nonzero(source.result.status))
         if failed:
             n = len(source.result.status)
-            yield [f"{source.name}: {failed} of {n} samples failed, and are in no figure above, which may bias them."]
+            fate = "are in no figure above, which may bias them"
+            if source.result.probabilities:
+                fate = "count both ways in intervals of probabilities; all other figures are without them"
+            yield [f"{source.name}: {failed} of {n} samples failed, and {fate}."]
     for source in runs:
         if cautions.ended_early(source.result):
             end = cautions.planned_end(source.result)

@@ -38,6 +38,8 @@ BALANCE = {
     "exchanged": ("J", "the most energy that was moved around at any time"),
 }
 
+RESOLVED = 8  # steps that a change of energy takes at least; faster ones are what a balance is to show
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -71,6 +73,18 @@ class Balance:
         """The most energy that had been moved around at any time: half of all changes and works by their amounts, J."""
         moved = np.abs(self.kinetic - self.kinetic[0]) + np.abs(self.strain - self.strain[0])
         return 0.5 * float(np.max(moved + sum((np.abs(done) for done in self.work.values()), np.zeros_like(moved))))
+
+    @property
+    def swings(self) -> np.ndarray:
+        """How often energy had been turned over at each time, shape (n_t,): changes of the kinetic energy between the
+        lowest and the highest quarter of its range, `RESOLVED` steps or more after each other."""
+        low, high = np.quantile(self.kinetic, (0.0, 1.0)) @ [[0.75, 0.25], [0.25, 0.75]]
+        side = np.where(self.kinetic > high, 1, np.where(self.kinetic < low, -1, 0))
+        outer = np.flatnonzero(side)
+        changes, last = np.zeros(self.kinetic.size, dtype=int), -RESOLVED
+        for k in outer[1:][np.diff(side[outer]) != 0]:
+            changes[k], last = k - last >= RESOLVED, k
+        return np.cumsum(changes)
 
     def write(self, file: h5py.File) -> None:
         """Write the groups ``energy`` and ``work``."""

@@ -12,9 +12,9 @@ dataset                                  shape           content
 ``/steps_divided``                       (N)             by what ``simulation.step`` was divided in the sample's last
                                                          attempt: 1, or more where it failed with the scene's step
 ``/errors/<name>``                       (N)             largest size of the estimated error of an output over the
-                                                         run; this and the two below for the reduced model only, NaN
-                                                         where it was not estimated
-``/errors_at_end/<name>``                (N)             estimated error at the end time, reduced less full-order
+                                                         run, of other models than the reduced one that of the time
+                                                         step; NaN where it was not estimated
+``/errors_at_end/<name>``                (N)             estimated error at the end time, the sample's less the exact
 ``/validity/<name>``                     (N)             how far each run left small deformations (`errors.VALIDITY`),
                                                          NaN where not known; of every sample of the reduced model
 ``/energy/residual``, ``exchanged``      (N)             largest residual of a sample's balance of energy, and the
@@ -83,7 +83,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.results.balance import BALANCE
-from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.errors import OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.corrected import Joined
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
 from pgmp_petsc.results.sensitivity import Sensitivity
@@ -214,11 +214,11 @@ class Ensemble:
                 self.joined.write(file, self.units)
 
     def _write_estimates(self, file: h5py.File) -> None:
-        """Write what is known of the reduced model's errors, and of the balance of energy."""
+        """Write what is known of errors, and of the balance of energy."""
         if self.errors:
             about = "largest estimated error of output '{name}' over the run; NaN where not estimated"
             put_named(file, "errors", self.errors, self.units, about)
-            about = "estimated error of output '{name}' at the end time, reduced less full-order"
+            about = f"estimated error of output '{{name}}' at the end time, {OF_REDUCED if self.model == 'reduced' else OF_STEP}"
             put_named(file, "errors_at_end", self.errors_at_end, self.units, about)
         for name, values in self.validity.items():
             put(file, f"validity/{name}", values, *VALIDITY[name])

@@ -1,4 +1,4 @@
-"""Estimated errors of one reduced run; and limits of what says how far a run left small deformations.
+"""Estimated errors of one run; and limits of what says how far a run left small deformations.
 
 Layout within the file of a trajectory:
 
@@ -6,7 +6,10 @@ Layout within the file of a trajectory:
 dataset                       shape      content
 ============================= ========== ======================================================================
 ``/errors/time``              (n_e)      instants of evaluation, s
-``/errors/<output>``          (n_e)      estimated error of the output, reduced less full-order; attributes
+``/errors/<output>``          (n_e)      estimated error of the output: of a reduced run its output less that of the
+                                         full-order equations, with what the time step does wrong; of full-order and
+                                         component runs what the time step does wrong, up to the last of these
+                                         instants; attributes
                                          ``maximum``, its largest size, and ``share``, that of the output's
                                          largest size over the run
 ============================= ========== ======================================================================
@@ -25,6 +28,7 @@ from pgmp_petsc.results.layout import check_shape
 from pgmp_petsc.runtime.files import put, take
 
 TIME = "time"
+OF_REDUCED, OF_STEP = "reduced less full-order", "of the time step"
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
 ROTATION_LIMIT = 0.14
@@ -72,14 +76,17 @@ class EstimatedErrors:
     time : ndarray, shape (n_e,)
         Instants of evaluation, s.
     outputs : dict of str to ndarray, shape (n_e,)
-        Error of every output, reduced less full-order, in the output's unit.
+        Error of every output, in the output's unit.
     largest : dict of str to float
         Largest size of every output over the run, of which errors are a share.
+    what : str
+        What these errors are of (attribute ``what`` of the group): `OF_REDUCED` or `OF_STEP`.
     """
 
     time: np.ndarray
     outputs: dict[str, np.ndarray]
     largest: dict[str, float]
+    what: str = OF_REDUCED
 
     def __post_init__(self) -> None:
         check_shape("time of the errors", self.time, (None,))
@@ -98,9 +105,10 @@ class EstimatedErrors:
     def write(self, file: h5py.File, units: dict[str, str]) -> None:
         """Write the group."""
         group = file.create_group("errors", track_order=True)
+        group.attrs["what"] = self.what
         put(group, TIME, self.time, "s", "instants at which the errors are estimated")
         for name, values in self.outputs.items():
-            words = f"estimated error of output '{name}', reduced less full-order"
+            words = f"estimated error of output '{name}', {self.what}"
             put(group, name, values, units.get(name, "1"), words).attrs.update(
                 maximum=self.maximum(name), share=self.share(name), largest=self.largest[name]
             )
@@ -116,4 +124,5 @@ class EstimatedErrors:
             time=take(group, TIME, 1),
             outputs={name: take(group, name, 1) for name in names},
             largest={name: float(group[name].attrs["largest"]) for name in names},
+            what=str(group.attrs.get("what", OF_REDUCED)),  # files of earlier versions have those of reduced runs
         )

@@ -4,10 +4,15 @@
 dataset                      shape        meaning
 ============================ ============ ============================================================================
 ``/probability/estimate``    scalar       NaN where the event was not reached
-``/probability/interval``    (2)          confidence interval
+``/probability/interval``    (2)          confidence interval; from 0 to a bound where the event was not reached
 ``/probability/variation``   scalar       coefficient of variation of the estimate
 ``/probability/at_most``     scalar       the estimate if all failed samples had been in the event
 ``/probability/n_effective`` scalar       number of equally weighted samples in the event that would be as good
+``/most_likely/beta``        (n_points)   distance of each design point from the origin in normal variables (FORM); the
+                                          group is absent where none was found; attributes ``is_exact``, ``n_runs``
+``/most_likely/normal``      (.., d)      the design points, in normal variables
+``/most_likely/shares``      (.., d)      importance shares of the parameters there: alpha^2
+``/most_likely/parameters/`` (n_points)   values of the parameters there
 ``/levels/threshold``        (n_levels)   of the output, of every level of subset simulation
 ``/levels/share``            (n_levels)   of the samples before that pass it
 ``/levels/accepted``         (n_levels)   share of the steps of its chains that were accepted
@@ -37,6 +42,41 @@ if TYPE_CHECKING:
     import h5py
 
 KIND = "rare_event"
+
+
+@dataclass(frozen=True, eq=False)
+class MostLikely:
+    """Where an event is most likely: its design points, the most likely one first.
+
+    Attributes
+    ----------
+    beta
+        Distances from the origin in the space of normal variables, shape (n_points,).
+    normal
+        The points there, shape (n_points, d), d of the parameters that are drawn.
+    shares
+        Of the parameters in what makes the event, alpha^2, shape (n_points, d).
+    parameters
+        Values of the parameters, each (n_points,).
+    is_exact
+        Whether they follow from exact derivatives, not from differences.
+    n_runs
+        Runs that were taken.
+    """
+
+    beta: np.ndarray
+    normal: np.ndarray
+    shares: np.ndarray
+    parameters: dict[str, np.ndarray]
+    is_exact: bool
+    n_runs: int
+
+    @property
+    def probability(self) -> np.ndarray:
+        """Of the planes that touch the event's border there, ``Phi(-beta)`` (FORM), shape (n_points,)."""
+        from scipy.special import ndtr
+
+        return ndtr(-self.beta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +114,7 @@ class RareEvent:
     weight: np.ndarray
     parameters: dict[str, np.ndarray]
     status: np.ndarray
+    most_likely: MostLikely | None = None
 
     def __post_init__(self) -> None:
         check_model(self.model)
@@ -84,6 +125,9 @@ class RareEvent:
         check_shape("interval", self.interval, (2,))
         for name in ("share", "accepted"):
             check_shape(name, getattr(self, name), (len(self.threshold),))
+        if self.most_likely is not None:
+            for name in ("normal", "shares"):
+                check_shape(name, getattr(self.most_likely, name), (len(self.most_likely.beta), len(self.names)))
 
     @property
     def reached(self) -> bool:
@@ -119,6 +163,8 @@ class RareEvent:
             put(group, "value", self.value, self.unit, f"of '{self.output}', NaN of failed samples")
             put(group, "weight", self.weight, "1", "of importance sampling; 0 of what only leads there")
             put(group, "normal", self.normal, "1", "standard normal variables, in the order of parameters_drawn")
+            if self.most_likely is not None:
+                _put(file.create_group("most_likely"), self.most_likely)
             put_named(file, "parameters", self.parameters, {}, "values of '{name}', SI units")
             put(file, "status", self.status.astype(np.int32), "1", "how each sample ended, 0 = fine")
             for part in parts:
@@ -146,4 +192,19 @@ class RareEvent:
                 accepted=take(levels, "accepted", 1),
                 value=take(samples, "value", 1),
                 weight=take_known(samples, "weight", 1),
+                most_likely=_taken(file["most_likely"]) if "most_likely" in file else None,
             )
+
+
+def _put(group: h5py.Group, found: MostLikely) -> None:
+    put(group, "beta", found.beta, "1", "distance of each design point from the origin in normal variables")
+    put(group, "normal", found.normal, "1", "design points in normal variables, in the order of parameters_drawn")
+    put(group, "shares", found.shares, "1", "importance shares of the parameters, alpha^2")
+    put_named(group, "parameters", found.parameters, {}, "values of '{name}' at the design points, SI units")
+    group.attrs["is_exact"], group.attrs["n_runs"] = found.is_exact, found.n_runs
+
+
+def _taken(group: h5py.Group) -> MostLikely:
+    arrays = (take_known(group, name, n) for name, n in (("beta", 1), ("normal", 2), ("shares", 2)))
+    parameters = take_named(group, "parameters", 1, take_known)
+    return MostLikely(*arrays, parameters, bool(group.attrs["is_exact"]), int(group.attrs["n_runs"]))

@@ -19,6 +19,7 @@ _SCALARS = {
     "mean_standard_error": "standard error of the mean",
     "std_standard_error": "standard error of the standard deviation",
 }
+DOUBT = 2.5  # times its estimate an error is larger than in 5 % of runs, see docs/method.md
 _INTERVALS = {"mean_interval": "mean", "std_interval": "standard deviation"}
 
 
@@ -45,6 +46,8 @@ class Statistics:
         Confidence intervals of the quantiles; infinite where the sample is too small to have an end.
     confidence : float
         Level of the intervals.
+    constant : bool
+        Whether all values are the same but for round-off; they have no deviation then.
     """
 
     count: int
@@ -61,6 +64,7 @@ class Statistics:
     std_interval: np.ndarray
     quantile_intervals: np.ndarray
     confidence: float
+    constant: bool = False
 
     def __post_init__(self) -> None:
         check_shape("pdf", self.pdf, (None,))
@@ -75,6 +79,7 @@ class Statistics:
     def write(self, group: h5py.Group, name: str, unit: str) -> None:
         """Write them into a group of their own."""
         put(group, "count", self.count, "1", f"number of values of '{name}' that these are of")
+        group.attrs["constant"] = self.constant
         for scalar, words in _SCALARS.items():
             put(group, scalar, float(getattr(self, scalar)), unit, f"{words} of '{name}'")
         per_unit = "1" if unit == "1" else f"1/{unit}"
@@ -102,6 +107,7 @@ class Statistics:
             quantile_intervals=take(group, "quantile_intervals", 2),
             probabilities=np.array(group["quantiles"].attrs["probabilities"]),
             confidence=float(group["mean_interval"].attrs["confidence"]),
+            constant=bool(group.attrs.get("constant", False)),
         )
 
 
@@ -118,9 +124,16 @@ class Chance:
     estimate : float
         NaN where it is known of none.
     interval : ndarray, shape (2,)
-        Confidence interval.
+        Confidence interval; failed samples are outside the event at its lower end, and in it at its upper one.
     confidence : float
         Its level.
+    n_failed : int
+        Number of samples that failed.
+    model_error : float
+        Of the output, as a share of its largest size in a sample: what is estimated to be exceeded in no more than 5 %
+        of samples; NaN where it is not estimated.
+    holds_to : float
+        The largest such share with which the event is in doubt in too few samples to matter; NaN where it is not known.
     """
 
     event: str
@@ -129,9 +142,35 @@ class Chance:
     estimate: float
     interval: np.ndarray
     confidence: float
+    n_failed: int = 0
+    model_error: float = float("nan")
+    holds_to: float = float("nan")
 
     def __post_init__(self) -> None:
         check_shape("interval", self.interval, (2,))
+
+    def is_decided(self, model_error: float = 0.0) -> bool:
+        """Return whether the model is good enough for it, as far as its error is known: estimated, or given."""
+        return not np.fmax(self.model_error, model_error) > self.holds_to
+
+    @property
+    def decided_by(self) -> str:
+        """The command that decides it where the model does not."""
+        return f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
+
+    def doubt(self, model_error: float = 0.0) -> str:
+        """Return why the model does not decide it, and what does."""
+        error, limit = (f"{100.0 * share:.3g} %" for share in (np.fmax(self.model_error, model_error), self.holds_to))
+        return (
+            f"not decided by this model: too many samples are nearer to the level than its error, {error} of the "
+            f"output's largest value (it would take one below {limit}); '{self.decided_by}' decides it"
+        )
+
+    @property
+    def of(self) -> str:
+        """Of how many samples it is, and how many more failed: ``57 samples``."""
+        failed = f", {self.n_failed} more failed and count both ways" if self.n_failed else ""
+        return f"{self.n} samples{failed}"
 
     def write(self, group: h5py.Group, label: str) -> None:
         """Write it into a group of its own."""
@@ -139,7 +178,14 @@ class Chance:
         _put_interval(group, "interval", self.interval, "1", f"probability of '{label}'", self.confidence)
         put(group, "count", self.count, "1", "number of samples in which it came true")
         put(group, "samples", self.n, "1", "number of samples of which it is known")
+        about = "number of samples that failed: outside the event at the interval's lower end, in it at the upper one"
+        put(group, "failed", self.n_failed, "1", about)
+        about = "estimated error of the output, of its largest size in a sample; NaN where it is not estimated"
+        put(group, "model_error", self.model_error, "1", about)
+        about = "largest such error with which the probability is decided by this model; NaN where it is not known"
+        put(group, "holds_to", self.holds_to, "1", about)
         group.attrs["event"] = self.event
+        group.attrs["decided"] = self.is_decided()
 
     @classmethod
     def read(cls, group: h5py.Group) -> Self:
@@ -151,6 +197,8 @@ class Chance:
             estimate=float(take(group, "estimate", 0)),
             interval=take(group, "interval", 1),
             confidence=float(group["interval"].attrs["confidence"]),
+            n_failed=int(take(group, "failed", 0)) if "failed" in group else 0,
+            **{name: float(take(group, name, 0)) for name in ("model_error", "holds_to") if name in group},
         )
 
 
@@ -206,5 +254,5 @@ class Band:
 
 def _put_interval(group: h5py.Group, name: str, ends: np.ndarray, unit: str, of: str, confidence: float) -> None:
     """Write a confidence interval, or one a row."""
-    about = f"{100 * confidence:g} % confidence interval: {of}; knows of sampling alone"
+    about = f"{100 * confidence:g} % confidence interval: {of}; knows nothing of the model's error"
     put(group, name, ends, unit, about).attrs["confidence"] = confidence

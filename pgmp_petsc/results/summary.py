@@ -116,6 +116,7 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "kind": "trajectory",
         "model": run.model,
         "status": run.status,
+        "why_stopped": run.why_stopped or None,
         "end_time": run.time[-1],
         "steps": len(run.time) - 1,
         "steps_divided": run.steps_divided,
@@ -123,6 +124,8 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "errors": None
         if errors is None
         else {name: {"maximum": errors.maximum(name), "share": errors.share(name)} for name in errors.outputs},
+        "errors_of": None if errors is None else errors.what,
+        "errors_until": None if errors is None else errors.time[-1],
         "validity": run.validity,
         "balance": None
         if balance is None
@@ -157,6 +160,11 @@ def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
                 "confidence": chance.confidence,
                 "count": chance.count,
                 "samples": chance.n,
+                "failed": chance.n_failed,
+                "decided": chance.is_decided(),
+                "decided_by": "" if chance.is_decided() else chance.decided_by,
+                "model_error": chance.model_error,
+                "holds_to": chance.holds_to,
             }
             for label, chance in ensemble.probabilities.items()
         },
@@ -210,6 +218,7 @@ def _statistics(s: Statistics) -> dict[str, Any]:
     quantiles = zip(s.probabilities, s.quantiles, s.quantile_intervals, s.quantile_bounds)
     return {
         "count": s.count,
+        "constant": s.constant,
         "confidence": s.confidence,
         "mean": s.mean,
         "mean_interval": s.mean_interval,

@@ -91,16 +91,40 @@ def claimed(
 
         def claim_the_output() -> Path:
             target = check_output(output, kind, inputs)
-            try:
-                lock = held.enter_context(OutputLock(target))
-            except OSError as error:
-                raise InputError(f"output file '{output}' cannot be locked: {_reason(error)}") from error
-            if not lock.held:
-                text = f"the file system of '{output}' has no locks: no other job may write the same output meanwhile"
-                print(f"pgmp: warning: {text}", file=sys.stderr, flush=True)
+            held.enter_context(locked(target, f"output file '{output}'"))
             return target
 
         yield on_root(comm, claim_the_output)
+
+
+@contextmanager
+def locked(target: Path, named: str) -> Iterator[None]:
+    """Keep a file, or what it stands for, from other jobs within the block; by one process.
+
+    Parameters
+    ----------
+    target
+        The file, in a directory that exists.
+    named
+        What it is to the user, such as ``folder 'x_results'``.
+
+    Raises
+    ------
+    InputError
+        If another job has it, or it cannot be locked.
+    """
+    lock = OutputLock(target, named)
+    try:
+        lock.__enter__()
+    except OSError as error:
+        raise InputError(f"{named} cannot be locked: {_reason(error)}") from error
+    try:
+        if not lock.held:
+            text = f"the file system of {named} has no locks: no other job may write the same output meanwhile"
+            print(f"pgmp: warning: {text}", file=sys.stderr, flush=True)
+        yield
+    finally:
+        lock.__exit__()
 
 
 def check_output(

@@ -3,6 +3,10 @@
 Numba itself ends with a traceback where it finds no folder that it may write to, where the disk is full, and where a
 file of the cache is damaged. Here the function is compiled again, and the first such problem is kept for a warning.
 
+Numba looks at the file of a function alone, and would take up code into which a function of another file was compiled
+before that one changed, as after an update of a checkout: wrong numbers without a word. What is kept is therefore
+marked by the text of every module of the package that the function's module imports, one after the other.
+
 Processes that compile at once may also write two signatures of one function to the same file; numba would call the
 wrong one. What is loaded is therefore compared with what was asked for.
 
@@ -12,20 +16,25 @@ Compiling takes minutes where a run takes seconds: while it goes on, the counts 
 from __future__ import annotations
 
 import functools
+import hashlib
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import environment, event, sigutils
 from llvmlite import binding
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime import _nrt_python
 
 from pgmp_petsc.runtime.progress import waits_for
 
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 COMPILING = "compiling, once for scenes of this kind"
+PACKAGE = Path(__file__).parent.parent
+_IMPORT = re.compile(rf"^from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 _problems: list[str] = []
 
 
@@ -78,6 +87,9 @@ class _LenientCache(FunctionCache):
             self._is_open, self._enabled = True, False
             try:
                 super().__init__(self._function)
+                mark = source_mark(self._function.__module__)
+                if mark is not None:
+                    self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, mark)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
         return self._enabled
@@ -118,6 +130,44 @@ class _LenientCache(FunctionCache):
             self.flush()
         except OSError:
             pass  # keeping the function will fail too, and say so
+
+
+def source_mark(module: str) -> str | None:
+    """Return what tells the texts of a module and of all that it imports from others; None of another package's."""
+    if _file_of(module) is None:
+        return None
+    texts: dict[str, bytes] = {}
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        if name not in texts:
+            texts[name], imported = _text_of(name)
+            todo.extend(imported)
+    return hashlib.sha256(b"".join(texts[name] for name in sorted(texts))).hexdigest()
+
+
+@functools.cache
+def _text_of(module: str) -> tuple[bytes, tuple[str, ...]]:
+    """Return the checksum of a module's text, and which modules of the package it imports at once."""
+    text = _file_of(module).read_text()
+    imported = []
+    for source, names in _IMPORT.findall(text):
+        imported.append(source)
+        if _file_of(source).name == "__init__.py":
+            parts = (f"{source}.{name}" for name in re.findall(r"\w+", names))
+            imported += [name for name in parts if _file_of(name) is not None]
+    return hashlib.sha256(text.encode()).digest(), tuple(imported)
+
+
+@functools.cache
+def _file_of(module: str) -> Path | None:
+    """Return the file of a module of the package, or None where it is another name."""
+    package, *parts = module.split(".")
+    if package != PACKAGE.name:
+        return None
+    place = PACKAGE.joinpath(*parts)
+    found = [path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()]
+    return found[0] if found else None
 
 
 @functools.cache

@@ -37,6 +37,8 @@ class OutputLock:
     ----------
     output
         The file that is going to be written; in a directory that exists.
+    named
+        What it is to the user, for the message; the output file where it is not given.
 
     Attributes
     ----------
@@ -51,8 +53,8 @@ class OutputLock:
         From ``with``, if the file of the lock cannot be written.
     """
 
-    def __init__(self, output: Path) -> None:
-        self._output, self._path = output, lock_path(output)
+    def __init__(self, output: Path, named: str = "") -> None:
+        self._named, self._path = named or f"output file '{output}'", lock_path(output)
         self._descriptor: int | None = None
         self.held = False
 
@@ -61,8 +63,8 @@ class OutputLock:
         while not self._taken():
             if time.monotonic() > until:
                 raise InputError(
-                    f"output file '{self._output}' is being written by {_owner(self._path)}; wait for its end, "
-                    "or give another name"
+                    f"{self._named} is being written by {_owner(self._path)}; wait for its end, or give another name "
+                    "with -o"
                 )
             time.sleep(0.05)
         return self

@@ -10,7 +10,7 @@ from pgmp_petsc.runtime.errors import nearest_name
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.impulses import impulse_of
-from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic, Revolute, are_parallel
+from pgmp_petsc.scene.joints import Cylindrical, are_parallel, joints_with
 from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import stop_ends
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
 #: Joints that rotate, and those that rotate or slide, in the plane and in space.
-TURNING = {2: (Revolute,), 3: (Revolute, Cylindrical)}
-SLIDING = (PointOnLine, Cylindrical, Prismatic)
-MOVING = {2: (Revolute, PointOnLine), 3: (Revolute, PointOnLine, Cylindrical, Prismatic)}
+TURNING = {d: joints_with("turning", dimension=d) for d in (2, 3)}
+SLIDING = joints_with("sliding")
+MOVING = {d: joints_with("turning", "sliding", dimension=d) for d in (2, 3)}
 #: Joints that an effect may be on.
 ON_JOINTS = {
     kinds.Torque: TURNING,

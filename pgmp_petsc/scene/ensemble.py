@@ -80,7 +80,7 @@ class Ensemble(Table):
         None,
         ge=0.0,
         le=1.0,
-        description="share of the reduced samples whose errors are estimated: the first of every ten thousand samples; "
+        description="share of the samples whose errors are estimated: the first of every ten thousand samples; "
         "of less than a thousand, the share of a thousand; 0 = none, 1 = all; by default 0.02, or less where that "
         "would take more than a quarter of the time of the runs, but always one sample",
     )

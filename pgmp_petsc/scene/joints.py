@@ -46,6 +46,8 @@ class _Joint(Table):
 
     #: Number of constraints in the plane and in space.
     n_constraints: ClassVar[dict[int, int]]
+    #: Motions that it leaves free and that are measured: "turning" about its axis, "sliding" along it or along its line.
+    motions: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
     @property
@@ -58,6 +60,7 @@ class Revolute(_Joint):
     """Two points share their position; the relative rotation is free, in space about an axis."""
 
     n_constraints: ClassVar[dict[int, int]] = {2: 2, 3: 5}
+    motions: ClassVar[tuple[str, ...]] = ("turning",)
     type: Literal["revolute"]
     axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
 
@@ -71,6 +74,7 @@ class PointOnLine(_Joint):
     """The second point moves on a line through the first."""
 
     n_constraints: ClassVar[dict[int, int]] = {2: 1, 3: 2}
+    motions: ClassVar[tuple[str, ...]] = ("sliding",)
     type: Literal["point_on_line"]
     connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
     direction: Direction = Field(
@@ -131,6 +135,7 @@ class Cylindrical(_Guided):
     """The second point moves on an axis through the first, and turns about it. In space."""
 
     n_constraints: ClassVar[dict[int, int]] = {3: 4}
+    motions: ClassVar[tuple[str, ...]] = ("turning", "sliding")
     type: Literal["cylindrical"]
 
 
@@ -138,6 +143,7 @@ class Prismatic(_Guided):
     """The second point moves on an axis through the first without turning. In space."""
 
     n_constraints: ClassVar[dict[int, int]] = {3: 5}
+    motions: ClassVar[tuple[str, ...]] = ("sliding",)
     type: Literal["prismatic"]
 
 
@@ -160,6 +166,12 @@ Joint = Annotated[
 ]
 #: Joints that a mechanism in the plane may have.
 PLANAR_JOINTS = ("revolute", "point_on_line", "fixed")
+
+
+def joints_with(*motions: str, dimension: int = 3) -> tuple[type[_Joint], ...]:
+    """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
+    kinds = (Revolute, PointOnLine, Cylindrical, Prismatic)
+    return tuple(kind for kind in kinds if dimension in kind.n_constraints and not set(motions).isdisjoint(kind.motions))
 
 
 class Coordinate(Table):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic
-
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
@@ -15,6 +13,5 @@ def slides(scene: Scene, entry: Any) -> bool:
     if getattr(entry, "points", None) is not None:
         return True
     joint = scene.joints.get(getattr(entry, "joint", None))
-    if isinstance(joint, Cylindrical):
-        return getattr(entry, "motion", None) == "sliding"
-    return isinstance(joint, (PointOnLine, Prismatic))
+    motions = () if joint is None else joint.motions
+    return getattr(entry, "motion", None) == "sliding" if len(motions) > 1 else motions == ("sliding",)

@@ -16,6 +16,7 @@ from pgmp_petsc.scene.schema import Scene
 
 OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
 LEAST_SHARE = 0.1  # of the nominal value, of a parameter that must be positive and may be as small as 0
+BESIDE = 1.25  # a value that is given with --set over the nominal one, or under it
 MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
 
 
@@ -48,12 +49,23 @@ def spanning_values(scene: Scene, names: Sequence[str] | None = None) -> tuple[d
     return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)
 
 
-def _levels(scene: Scene, name: str) -> tuple[float, float]:
+def outermost_values(scene: Scene, share: float) -> dict[str, tuple[float, float]]:
+    """Return what samples of each parameter lie between, but for a share of them on either side, its nominal value with
+    them; of a parameter that is not drawn `BESIDE` it."""
+    spans = {}
+    for name, parameter in scene.parameters.items():
+        varies = parameter.distribution is not None or parameter.bounds is not None
+        ends = _levels(scene, name, share) if varies else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
+        spans[name] = (min(*ends, parameter.nominal), max(*ends, parameter.nominal))
+    return spans
+
+
+def _levels(scene: Scene, name: str, share: float = OUTERMOST) -> tuple[float, float]:
     """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
     parameter = scene.parameters[name]
     if parameter.distribution is None:
         low, high = parameter.bounds
         return (LEAST_SHARE * parameter.nominal if name in scene.positive_parameters and low <= 0.0 else low), high
     least = 0.0 if name in scene.parameters_not_negative else -np.inf
-    low, high = parameter.quantiles(np.array([OUTERMOST, 1.0 - OUTERMOST]), least)
+    low, high = parameter.quantiles(np.array([share, 1.0 - share]), least)
     return float(low), float(high)

@@ -25,6 +25,7 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.load_parts import parts_of
+from pgmp_petsc.scene.points import points_used
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
@@ -75,7 +76,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     lines = [
         f"scene {scene.name}",
         *_bodies(mechanism),
-        *_matrices(meshes),
+        *_matrices(scene, meshes),
         *_joints(mechanism, null.n_redundant, kinematics.n_redundant),
     ]
     for coordinate in coordinates:
@@ -127,7 +128,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     return lines
 
 
-def _matrices(meshes: Mapping[str, BodyShape]) -> list[str]:
+def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
     lines = []
     for name, body in meshes.items():
@@ -142,10 +143,15 @@ def _matrices(meshes: Mapping[str, BodyShape]) -> list[str]:
                 f"  matrices      {name}: {found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} "
                 f"{inertia} kg m2",
                 f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
-                f"{body.wave_speed:.4g} m/s; its points are means over "
-                f"{'areas of faces' if body.groups else 'nodes that count alike'}; whether nothing else is free, and K "
-                "positive, a build finds out",
+                f"{body.wave_speed:.4g} m/s; whether nothing else is free, and K positive, a build finds out",
             ]
+            alike: dict[bool, list[str]] = {}
+            for point, entry in points_used(scene, name).items():
+                faces, _ = body.faces_of(scene.bodies[name].matrices.faces.get(point, point), entry)
+                alike.setdefault(not len(faces), []).append(point)
+            means = {False: "areas of faces", True: "nodes that count alike, as their faces are not known"}
+            over = "; ".join(f"{', '.join(points)}: means over {means[key]}" for key, points in sorted(alike.items()))
+            lines.append(f"                {over}")
     return lines
 
 

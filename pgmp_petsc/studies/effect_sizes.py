@@ -41,12 +41,12 @@ from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.load_parts import parts_of
+from pgmp_petsc.studies.plausibility.unit_systems import SI, unit_system
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
 DEFAULT_TOLERANCE = 1e-3
 SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
-STANDARD_GRAVITY = 9.81  # m/s2
 AT_REST = 1e-14  # of the energy that moves the mechanism by its own size within the run: less is round-off
 RESTS = "the mechanism rests, so that no energy is moved around"
 #: Effects that are what a scene is about; none is ever left out for being small.
@@ -258,24 +258,23 @@ def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) ->
         risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
         # in space no axis is the vertical one: the worst is told
         axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged
+        share = (unit_system(scene) or SI).gravity * float(risen[axis]) / exchanged
         about = f"work of weights along -{'xyz'[axis]}, of the energy moved around"
         sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
-    if exchanged and joints:
+    if exchanged:
         budget = tolerance * exchanged
         # a damper's work is c int s'^2, a friction's limit int |s'|, a spring's energy k s^2 / 2
-        damping = {name: budget / max(trapezoid(rate**2, run.time), 1e-300) for name, rate in joints.items()}
-        friction = {name: budget / max(trapezoid(np.abs(rate), run.time), 1e-300) for name, rate in joints.items()}
-        moved = {name: np.ptp(cumulative_trapezoid(rate, run.time, initial=0.0)) for name, rate in joints.items()}
-        spring = {name: 2.0 * budget / max(path**2, 1e-300) for name, path in moved.items()}
-        for kind, found, unit in (
-            ("joint_damping", damping, "Nm s/rad or N s/m"),
-            ("joint_friction", friction, "Nm or N"),
-            ("spring_damper", spring, "Nm/rad or N/m"),
+        damping = {of: budget / max(trapezoid(rate**2, run.time), 1e-300) for of, rate in joints.items()}
+        friction = {of: budget / max(trapezoid(np.abs(rate), run.time), 1e-300) for of, rate in joints.items()}
+        moved = {of: np.ptp(cumulative_trapezoid(rate, run.time, initial=0.0)) for of, rate in joints.items()}
+        spring = {of: 2.0 * budget / max(path**2, 1e-300) for of, path in moved.items() if of[1] != "spin"}
+        for kind, found, units in (
+            ("joint_damping", damping, ("Nm s/rad", "N s/m")),
+            ("joint_friction", friction, ("Nm", "N")),
+            ("spring_damper", spring, ("Nm/rad", "N/m")),
         ):
-            if kind not in here:
-                joint = min(found, key=found.get)
-                about = f"would matter from {found[joint]:.2g} {unit} on ({joint})"
+            if kind not in here and found:
+                about = f"would matter from {_smallest(scene, found, units)}"
                 sizes.append(EffectSize("", kind, np.nan, False, about))
     if "point_mass" not in here:
         sizes.append(EffectSize("", "point_mass", np.nan, False, f"would matter from {tolerance * run.mass:.2g} kg on"))
@@ -291,6 +290,21 @@ def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) ->
         about = f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on"
         sizes.append(EffectSize("", "structural_damping", np.nan, False, about))
     return sizes
+
+
+def _smallest(scene: Scene, found: dict[tuple[str, str], float], units: tuple[str, str]) -> str:
+    """Return the smallest number of joints that turn, of those that slide, and of those that no effect acts on, with
+    their units."""
+    texts = []
+    for motion, unit in (("turning", units[0]), ("sliding", units[1]), ("spin", units[0])):
+        own = {of: number for of, number in found.items() if of[1] == motion}
+        if own:
+            of = min(own, key=own.get)
+            several = len(scene.joints[of[0]].motions) > 1
+            note = f", {motion}" if several else f", {scene.joints[of[0]].type}" if motion == "spin" else ""
+            texts.append(f"{own[of]:.2g} {unit} on ({of[0]}{note})")
+    several_axes = any(motion == "spin" for _, motion in found)
+    return ", ".join(texts) + ("; none can be on joints that turn about several axes" if several_axes else "")
 
 
 def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[str]:

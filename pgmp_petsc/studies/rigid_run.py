@@ -32,6 +32,7 @@ from pgmp_petsc.studies.balance import balance_of
 
 FEW_STEPS = 150
 MAX_STEPS = 600  # more do not change an order of magnitude
+BALLS = ("spherical", "universal")  # joints that turn about several axes
 RESOLVED = 0.15  # largest turn (rad) and share of the largest speed in a step: errors of second order are below 1 %
 
 
@@ -46,7 +47,8 @@ class RigidRun:
     theta, speed, acceleration
         Coordinates and their derivatives, shape (n_t, n_theta), rad, rad/s, rad/s2.
     joints
-        Rate of each joint's rotation or displacement, by its name, shape (n_t,), rad/s or m/s.
+        Rate of each joint's rotation (``"turning"``) and displacement (``"sliding"``), by its name and motion, shape
+        (n_t,), rad/s or m/s; of joints that turn about several axes (``"spin"``) the size of the angular velocity.
     heights
         First moment of all masses, shape (n_t, d), kg m: its change times an acceleration is the work of a weight.
     balance
@@ -59,7 +61,7 @@ class RigidRun:
     theta: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
-    joints: dict[str, np.ndarray]
+    joints: dict[tuple[str, str], np.ndarray]
     heights: np.ndarray
     balance: Balance
     mass: float
@@ -165,10 +167,13 @@ def _collect(
     moving = np.array([rates(c.connection.angle, c.connection.sides) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:
-        if connection.joint.slides:
-            joints[connection.name] = rates(along(connection.axes[0][:, 0]), connection.sides)[0]
-        elif connection.joint.kind == "revolute":
-            joints[connection.name] = rates(connection.angle, connection.sides)[0]
+        name, entry = connection.name, model.scene.joints.get(connection.name)  # welded masses have none
+        for motion in () if entry is None else entry.motions:
+            statement = along(connection.axes[0][:, 0]) if motion == "sliding" else connection.angle
+            joints[name, motion] = rates(statement, connection.sides)[0]
+        if connection.joint.kind in BALLS:
+            spins = [_spin(unknowns, side, parts) for side in connection.sides]
+            joints[name, "spin"] = np.linalg.norm(spins[1] - spins[0], axis=0)
     heights, total = np.zeros((time.size, d)), 0.0
     for body in mechanism.bodies:
         mass = _mass_of(body, values)
@@ -176,6 +181,14 @@ def _collect(
         total += mass
     balance = balance_of(time, joined(energies))
     return RigidRun(time, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+
+
+def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray:
+    """Return the angular velocity ``1/2 sum_j d_j x d_j'`` of a rigid frame in space with directors d, (3, n_t)."""
+    if side.on_ground:
+        return np.zeros((3, 1))
+    directors, rates = (part[unknowns.frame(side.node)[3:]].reshape(3, 3, -1) for part in parts[:2])
+    return 0.5 * np.sum(np.cross(directors, rates, axis=1), axis=0)
 
 
 def _mass_of(body: Body, values: Mapping[str, float]) -> float:

@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.coarser_run import CoarserRun, coarser, run_coarser, step_errors
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     few_steps,
     is_estimated,
     large_errors,
     left_out_of_estimates,
+    step_remarks,
     truncated_stresses,
     why_not_of_full_order,
 )
@@ -28,7 +30,7 @@ from pgmp_petsc.indicator.starting_jump import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.files import RunRecord
@@ -133,10 +135,11 @@ class _Part:
         known = [observed, *outputs.values()]
         known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
         finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
+        reached = time.size
         if done.status[0] != Status.FINE:
-            finite &= time < done.failure_time[0]
-        kept = time.size if finite.all() else int(np.argmin(finite))
-        if done.status[0] == Status.FINE and kept < time.size:
+            reached = int(np.searchsorted(time, done.failure_time[0]))
+        kept = int(np.argmin(np.append(finite[:reached], False)))
+        if kept < reached:  # that ends the run, whatever came after it
             left = model.outputs.left_range(observed[..., kept : kept + 1])[0]
             status = Status.LEFT_RANGE if left else Status.NOT_FINITE
             done = replace(done, status=np.array([status]), failure_time=time[kept : kept + 1])
@@ -193,18 +196,20 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         with timings.phase("assembly"):
             system = model.single(model.scene.values, comm)
             require_settled(system)
-        with system, timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
-            started[:] = start_remarks(model.scene, system)
-            record = FullRecord(model, system, fields, frame_steps(simulation))
+        with system:
+            with timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
+                started[:] = start_remarks(model.scene, system)
+                record = FullRecord(model, system, fields, frame_steps(simulation))
 
-            def observe(step: int, time: float, state: State) -> None:
-                record.observe(step, time, state)
-                bar.update(step > 0)
+                def observe(step: int, time: float, state: State) -> None:
+                    record.observe(step, time, state)
+                    bar.update(step > 0)
 
-            done = integrate(system, simulation, observer=observe)
-            outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
-        part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
-        return replace(part, recorded={**part.recorded, "fields": seen})
+                done = integrate(system, simulation, observer=observe)
+                outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
+            part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
+            other = _coarser(model, system, part, timings, comm)
+        return replace(part, recorded={**part.recorded, "fields": seen, "coarser": other})
 
     part, steps = _furthest(once, model.scene.simulation)
     timings = timings.maximum(comm)
@@ -214,8 +219,10 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     frames = np.array(recorded["frames"][: len(part.shown)])
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     balance = balance_of(part.time, recorded["energies"])
+    errors, estimated = _step_errors(model, part)
     return Trajectory(
         coordinates=recorded["coordinates"],
+        errors=errors,
         fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
         balance=balance,
         **_described(
@@ -228,12 +235,40 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
                 *why_stopped(model, part.run, ""),
                 *steps,
                 *balance_remarks(balance, part.attempt.simulation.step),
+                *estimated,
                 *why_not_of_full_order(model),
                 *started,
                 *left_out_of_fields(fields.seen),
             ),
         ),
     )
+
+
+def _coarser(
+    model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: MPI.Comm
+) -> CoarserRun | None:
+    """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
+    if part.run.status[0] != Status.FINE or not is_estimated(model.scene):
+        return None
+    simulation, n_corrections = part.attempt.simulation, part.run.n_iterations
+    title = f"{model.title} with a coarser step, for the error of the step"
+    with timings.phase("errors"), progress(count_steps(*_span(coarser(simulation))), title, comm) as bar:
+        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), n_corrections, bar)
+
+
+def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None, list[Remark]]:
+    """Return the estimated errors of the step of a full-order or component run, and what is to be said of them."""
+    other = part.recorded["coarser"]
+    if part.run.status[0] != Status.FINE:
+        return None, [note("errors of the time step were not estimated: the run stopped before its end")]
+    if other is None:
+        return None, list(absence_of_estimates(model.scene, of_step=True))
+    found = step_errors(model.scene, part.time, part.outputs, other)
+    if found is None:
+        return None, list(step_remarks(model, part.time, other, found))
+    largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
+    errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
+    return errors, [*large_errors(errors, model.name), *step_remarks(model, part.time, other, found)]
 
 
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:

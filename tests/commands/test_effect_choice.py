@@ -168,6 +168,27 @@ def test_the_work_of_a_damper_is_its_share_and_its_threshold() -> None:
     assert found["bearing"].share == pytest.approx(1e-3, rel=0.1)
 
 
+def test_every_joint_that_moves_has_a_threshold() -> None:
+    """Sliding ones have theirs; those about several axes have one, with the word that no effect can be on them."""
+    scene, short = ROOT / "scenes" / "spatial_mixed.toml", "simulation.duration=0.05"
+    line = next(line for line in sizes_of(scene, short).lines() if "(joint_damping)" in line)
+    threshold = float(re.search(r"(\S+) N s/m on \(guide\)", line)[1])
+    assert "(ball, spherical)" in line or "(cross, universal)" in line
+    assert "none can be on joints that turn about several axes" in line
+    damper = f'effects.bearing={{type="joint_damping",joint="guide",coefficient={threshold}}}'
+    found = {size.name: size for size in sizes_of(scene, short, damper).sizes}
+    assert found["bearing"].share == pytest.approx(1e-3, rel=0.1)
+
+
+def test_a_cylindrical_joint_turns_and_slides() -> None:
+    """A rod that is hinged to its slider turns it about the guide."""
+    joints = ('joints.guide={type="cylindrical",connect=["ground:origin","slider:tip"],axis=[1.0,0.0,0.0]}',
+              'joints.cross={type="revolute",connect=["slider:hinge","rod:tip"],axis=[0.0,0.0,1.0]}')  # fmt: skip
+    sizes = sizes_of(ROOT / "scenes" / "spatial_mixed.toml", "simulation.duration=0.05", *joints)
+    line = next(line for line in sizes.lines() if "(joint_friction)" in line)
+    assert re.search(r" N on \(guide, sliding\)", line)
+
+
 def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
     from mpi4py import MPI
 

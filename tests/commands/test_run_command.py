@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT_SECONDS
 from runs import PGMP, overridden, pgmp
 
 from pgmp_petsc.cli.main import main
@@ -85,8 +87,44 @@ def test_a_later_run_takes_what_is_finished(scene: Path, first: str, capfd: pyte
 
 
 def test_another_scene_is_done_anew(scene: Path, first: str, capfd: pytest.CaptureFixture[str]) -> None:
-    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *overridden("materials.steel.rho=7900.0"))
+    other = overridden("materials.steel.rho=7900.0")
+    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *other)
     assert "(finished before" not in out
+    replaced = {name: [text for text in texts if "replaces" in text] for name, texts in told(out).items()}
+    assert all(replaced[name] for name in ("build", "simulate", "compare", "ensemble"))
+    mine = scene.with_name("mine_results") / "run.h5"
+    assert replaced["simulate"] == [f"replaces {mine} of {' '.join(SHORT)}; -o FOLDER keeps both"]
+    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *other, "--force")
+    assert "replaces" not in out
+
+
+def test_two_jobs_in_one_folder(scene: Path, tmp_path: Path) -> None:
+    """Begun at once, of other values: one has the folder, and the other is refused, or has it after the first."""
+    values = ("6e-3", "5e-3")
+    command = [sys.executable, *PGMP, "run", str(scene), "-o", str(tmp_path / "out"), "-n", "4", *SHORT]
+    jobs = [subprocess.Popen([*command, "--set", f"radius={v}"], stdout=-1, stderr=-1, text=True) for v in values]
+    done = [job.communicate(timeout=TIMEOUT_SECONDS) for job in jobs]
+    fine = [value for value, job in zip(values, jobs) if job.returncode == 0]
+    for job, (out, err) in zip(jobs, done):
+        assert job.returncode in (0, 2), err
+        if job.returncode == 2:
+            assert err.count("\n") == 1 and "out' is being written by another job (process " in err, err
+            assert not told(out)
+    with h5py.File(tmp_path / "out" / "run.h5") as file:
+        assert any(json.loads(file.attrs["parameters"])["radius"] == float(value) for value in fine)
+
+
+def test_a_refused_job_leaves_the_folder_as_it_was(scene: Path, tmp_path: Path, capfd) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "steps.json").write_text('{"mine": 1}')
+    assert "its steps.json is none of pgmp run" in run(capfd, "run", scene, "-o", folder, status=2)[1]
+    (folder / "steps.json").write_text('{"format": 1, "files": {"rom.h5": {"key": "k"}}}')
+    assert "--report" not in run(capfd, "run", scene, "-o", folder, "--report", "page.pdf", status=2)[0]
+    assert [path.name for path in folder.iterdir()] == ["steps.json"]
+    assert (folder / "steps.json").read_text() == '{"format": 1, "files": {"rom.h5": {"key": "k"}}}'
+    run(capfd, "run", scene, "-o", tmp_path / "new", "--report", "page.pdf", status=2)
+    assert not (tmp_path / "new").exists()
 
 
 RIGID = overridden(

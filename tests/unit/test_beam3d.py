@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -258,6 +259,24 @@ def test_a_rectangle_is_affine_in_its_sides(width: float | str, height: float | 
         np.testing.assert_allclose(np.delete(stiffness, 3), np.delete(exact[0], 3), rtol=1e-12)
         assert stiffness[3] == pytest.approx(exact[0][3], rel=1e-12 if width == height else limit)
         np.testing.assert_allclose(inertia, exact[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("nominal", [(0.01, 0.012), (0.012, 0.01), (0.01, 0.02), (0.01, 0.01)])
+@pytest.mark.parametrize("half", [0.1, 0.3, 0.5])
+def test_torsion_of_a_rectangle_whose_sides_exchange_their_order(nominal: tuple[float, float], half: float) -> None:
+    """The constant is that of the sides whichever is longer, over all values of both; with either name for either."""
+    values = dict(zip("bh", nominal))
+    spans = {name: (value * (1 - half), value * (1 + half)) for name, value in values.items()}
+    affine = SpatialSection.of(Rectangle(shape="rectangle", width="b", height="h"), STEEL, values, spans)
+    other = SpatialSection.of(
+        Rectangle(shape="rectangle", width="h", height="b"), STEEL, values, spans
+    )
+    for b, h in product(np.linspace(*spans["b"], 9), np.linspace(*spans["h"], 9)):
+        numbers = SpatialSection.of(Rectangle(shape="rectangle", width=b, height=h), STEEL, {})
+        exact = totals(numbers)[0][3]
+        found = totals(affine, {"b": b, "h": h})[0][3]
+        assert found == pytest.approx(exact, rel=6e-3)  # twice NEAR, as it is exact at the nominal values
+        assert totals(other, {"b": b, "h": h})[0][3] == pytest.approx(found, rel=1e-9)
 
 
 def test_coefficients() -> None:

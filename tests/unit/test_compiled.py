@@ -220,3 +220,32 @@ def test_an_entry_is_kept_without_what_others_would_take_up(module: Path) -> Non
         assert printed(module) == "6 1.0 None"
     kept = [path.stat().st_size for path in files(module, "nbc")]
     assert len(kept) == len(sizes) == 2 and max(kept) < min(sizes)
+
+
+def test_what_is_kept_is_marked_by_the_text_of_all_that_is_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba looks at the function's own file alone: code of a module that it calls would stay what it was."""
+    package = tmp_path / "pgmp_petsc"
+    (package / "room").mkdir(parents=True)
+    texts = {
+        "__init__.py": "", "room/__init__.py": "", "room/called.py": "from pgmp_petsc.other import X\n",
+        "room/caller.py": "from pgmp_petsc.room import (\n    called,\n)\n", "other.py": "X = 1\n", "apart.py": "X = 1\n",
+    }  # fmt: skip
+    for name, text in texts.items():
+        (package / name).write_text(text)
+    monkeypatch.setattr(compiled, "PACKAGE", package)
+
+    def mark() -> str | None:
+        compiled._file_of.cache_clear()
+        compiled._text_of.cache_clear()
+        return compiled.source_mark("pgmp_petsc.room.caller")
+
+    first = mark()
+    (package / "apart.py").write_text("X = 2\n")
+    assert mark() == first
+    (package / "other.py").write_text("X = 2\n")
+    assert first is not None and mark() != first
+    compiled._file_of.cache_clear()
+    compiled._text_of.cache_clear()
+    assert compiled.source_mark("numpy.linalg") is None

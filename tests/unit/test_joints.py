@@ -23,7 +23,7 @@ def line(direction: tuple[float, float]):
 def test_the_number_of_constraints(kind: str) -> None:
     made = joint(kind, np.eye(2), np.eye(2))
     assert made.kind == kind and made.n_constraints == COUNTS[kind]
-    assert made.holds_position == (kind != "point_on_line") and made.slides == (kind == "point_on_line")
+    assert made.holds_position == (kind != "point_on_line")
 
 
 def test_a_line_on_the_ground_holds_the_distance() -> None:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.plausibility import plausibility
 from pgmp_petsc.studies.plausibility.bodies import bending_excess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -170,7 +171,8 @@ WARNED = {
     "overdamped by mass": (SCENE, ['effects.d={type="structural_damping", mass=1e6}'], "effects.d.mass", "critical"),
     "in a stop": (SCENE, [STOP + "lower=0.1}"], "effects.stop.lower", "0.1 rad beyond"),
     "few steps": (SCENE, ["simulation.step=0.2"], "simulation.step", "only 5 steps"),
-    "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "bends with about"),
+    "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "the first mode of the mechanism has"),
+    "coarse steps of cells": (SOLID, ["simulation.step=0.02"], "simulation.step", "between hinged ends"),
     "1e8 steps": (SCENE, ["simulation.step=1.1e-8"], "simulation.step", "steps to simulation.duration"),
     "fast start": (SCENE, ["simulation.initial.theta.velocity=1e5"], "simulation.initial.theta.velocity", "rad/s"),
     "many turns": (SCENE, ["simulation.initial.theta.position=10000.0"], "simulation.initial.theta.position",
@@ -226,3 +228,93 @@ def test_warned(name: str) -> None:
 def test_shipped_scenes_make_sense(path: Path) -> None:
     assert tomllib.loads(path.read_text(encoding="utf-8"))
     assert read_scene(path, (), (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks == ()
+
+
+#: Steel, how long a rod of 0.7 m is, and the Earth's acceleration, in units that programs are fed with.
+SYSTEMS = {
+    "mm, t and s": (7.8e-9, 2.1e5, 700.0, 9810.0),
+    "mm, kg and ms": (7.8e-6, 210.0, 700.0, 9.81e-3),
+    "mm, kg and s": (7.8e-6, 2.1e8, 700.0, 9810.0),
+    "mm, g and ms": (7.8e-3, 2.1e5, 700.0, 9.81e-3),
+    "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
+    "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
+}
+
+
+def warnings_of(path: Path, changes: list[str]) -> list[str]:
+    """Return what is warned of a scene."""
+    scene, meshes = read_scene(path, changes, [], MPI.COMM_SELF, Purpose.CHECK)
+    return [remark.text for remark in plausibility(scene, meshes)]
+
+
+def in_units(system: str) -> list[str]:
+    """Return what makes a pendulum of steel of the slider-crank's scene in other units; without gravity."""
+    density, modulus, length, _ = SYSTEMS[system]
+    rod = f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '
+    return [
+        f"materials={{steel={{E={modulus}, nu=0.3, rho={density}}}}}", "parameters={}", "outputs={}",
+        f'{rod}section={{shape="circle", radius={length / 100}}}}}}}',
+        'joints={pin={type="revolute", connect=["ground:origin", "rod:hinge"]}}',
+        'coordinates={theta={joint="pin", range=[-3.0, 3.0]}}',
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_gravity_that_is_not_said_is_refused_in_other_units_than_si(system: str) -> None:
+    changes, earth = in_units(system), SYSTEMS[system][3]
+    with pytest.raises(InputError, match=r"^effects\.g\.acceleration: missing") as refused:
+        warnings_of(SCENE, [*changes, 'effects={g={type="gravity"}}'])
+    assert system in str(refused.value)
+    said = float(str(refused.value).split("say acceleration = ")[1].split(" ")[0])
+    assert said == pytest.approx(earth, rel=2e-3)
+    remarks = warnings_of(SCENE, [*changes, f'effects={{g={{type="gravity", acceleration={earth}}}}}'])
+    assert not any(text.startswith(("effects.g", "materials.")) for text in remarks)
+    assert sum(text.startswith("materials: they are in ") for text in remarks) == 1
+    # the value of SI units is not that of these
+    wrong = warnings_of(SCENE, [*changes, 'effects={g={type="gravity", acceleration=9.81}}'])
+    if not 0.05 < earth / 9.81 < 10.0:
+        assert any(text.startswith("effects.g.acceleration") for text in wrong)
+
+
+def test_numbers_with_a_unit_do_not_fit_materials_in_mm() -> None:
+    changes = in_units("mm, t and s")
+    changes[1] = 'parameters={c={nominal=7.0, unit="mm"}}'
+    changes.append('effects={d={type="joint_damping", joint="pin", coefficient=0.1}}')
+    changes[3] = changes[3].replace("radius=7.0", 'radius="c"')
+    assert any(text.startswith("parameters.c.unit") and "leave the unit out" in text
+               for text in warnings_of(SCENE, changes))  # fmt: skip
+
+
+def test_strange_materials_in_no_units_are_named_as_before() -> None:
+    remarks = warnings_of(SCENE, ["materials.steel.rho=1e12", 'effects.g={type="gravity"}'])
+    assert any(text.startswith("materials.steel.rho") for text in remarks)
+
+
+def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> None:
+    """A blade that is held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far more so.
+
+    The clamped one has 3.516 sqrt(EI / (rho A L^4)), and with a mass m at its tip sqrt(3 EI / (L^3 (m + 0.2427 m_b))).
+    """
+    radius, length, step = 5e-3, 0.5, 0.05
+    rod = (
+        f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '
+        f'section={{shape="circle", radius={radius}}}}}}}'
+    )
+    blade = [
+        rod, 'materials={steel={E=210e9, nu=0.3, rho=7800.0}}', "parameters={}", "outputs={}",
+        'joints={pin={type="revolute", connect=["ground:origin", "rod:hinge"]}}',
+        'coordinates={theta={joint="pin", range=[-3.0, 3.0]}}', f"simulation.step={step}",
+    ]  # fmt: skip
+    drive = 'drive={type="prescribed_motion", coordinate="theta", constant_speed={speed=1.0}}'
+    mass = 7800.0 * np.pi * radius**2 * length
+    stiffness = 3.0 * 210e9 * np.pi / 4.0 * radius**4 / length**3
+    for effects, expected in (
+        (drive, 3.516 / np.sqrt(3.0) * np.sqrt(stiffness / mass) / (2.0 * np.pi)),
+        (f'{drive}, end={{type="point_mass", point="rod:tip", mass={mass}}}',
+         np.sqrt(stiffness / (1.2427 * mass)) / (2.0 * np.pi)),
+    ):  # fmt: skip
+        texts = warnings_of(SCENE, [*blade, f"effects={{{effects}}}"])
+        (said,) = (text for text in texts if text.startswith("simulation.step"))
+        assert float(said.split("the first mode of the mechanism has ")[1].split(" ")[0]) == pytest.approx(
+            expected, rel=0.02
+        )

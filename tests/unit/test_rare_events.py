@@ -23,7 +23,7 @@ from pgmp_petsc.ensemble.importance import (
 )
 from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
 from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
-from pgmp_petsc.ensemble.rays import directions_of, entrances, unlike
+from pgmp_petsc.ensemble.rays import apart, directions_of, entrances, most_rays, unlike
 from pgmp_petsc.runtime.errors import InputError
 
 ONE_IN_A_THOUSAND = 1e-3
@@ -104,11 +104,17 @@ def test_an_event_that_is_not_rare_is_weighed_as_well() -> None:
     assert len(found.levels) == 1 and found.interval(0.95)[1] <= 1.0
 
 
-def test_a_longer_way_than_the_samples_reach_and_an_impossible_event_are_not_reached() -> None:
-    for limit_state in (plane(2, 12.0), lambda u: np.ones(len(u)), lambda u: 1.0 + np.abs(u[:, 0])):
+def test_an_impossible_event_is_bounded_with_all_runs() -> None:
+    for limit_state in (lambda u: np.ones(len(u)), lambda u: 1.0 + np.abs(u[:, 0])):
         found = find(limit_state, 2, 1000, 1)
-        assert not found.reached and np.isnan(found.probability) and np.isnan(found.interval(0.95)).all()
-        assert found.limit_state.size <= 1000
+        assert not found.reached and np.isnan(found.probability) and found.limit_state.size <= 1000
+        low, high = found.interval(0.95)
+        assert low == 0.0 < high < 0.04  # of 125 samples at least, none of which is in it
+        said = rare_remarks(found, np.zeros(1000), True)
+        assert f"at most {high:.3g} (95 %)" in said[0].text and said[0].kind == "warning"
+    assert not find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700
+    nothing = RareSamples((), np.zeros((2, 1)), np.full(2, np.nan), np.zeros(0), ())
+    assert "not reached by 0 levels of subset simulation: it is rarer" in rare_remarks(nothing, np.ones(2), True)[0].text
 
 
 def test_failed_samples_count_as_not_in_the_event_and_bound_it() -> None:
@@ -245,9 +251,9 @@ def test_rays_enter_an_event_near_its_border_or_not_at_all() -> None:
 def test_rays_alike_are_followed_once_and_no_more_than_samples_allow() -> None:
     angles = np.radians([0.0, 20.0, 90.0, 100.0, 180.0])
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    np.testing.assert_array_equal(unlike(directions, 2000), directions[[0, 2, 4]])
-    np.testing.assert_array_equal(unlike(directions, 100), directions[[0, 2]])  # 6 evaluations each, an eighth of 100
-    assert unlike(directions, 40).shape == (0, 2)
+    assert unlike(directions) == [0, 2, 4] and unlike(directions[:0]) == []
+    assert [most_rays(n) for n in (2000, 100, 40)] == [16, 2, 0]  # 6 evaluations each, an eighth of those that are left
+    np.testing.assert_array_equal(apart(2.0 * directions, 5.0 * directions[1:2]), 2.0 * directions[2:])
 
 
 def test_directions_are_those_of_the_parts_of_an_event() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,3 +178,37 @@ def test_points_may_be_numbers_of_nodes_that_count_alike(tmp_path: Path) -> None
     # a rigid motion of the nodes is that of the frame
     turn = np.column_stack([-mesh.nodes[:, 1], mesh.nodes[:, 0]]).ravel()
     np.testing.assert_allclose(frame.functionals(mesh.n_nodes) @ turn, (-0.05, 0.0, 1.0), atol=1e-14)
+
+
+def test_numbers_of_nodes_on_a_mesh_are_weighted_by_the_areas_of_their_faces(tmp_path: Path) -> None:
+    """Of an uneven edge the middle has its lever; numbers of nodes are those of the set with the same faces."""
+    mesh = mesh_of("quad", (4, 3), (0.4, 0.1))
+    uneven = np.where(mesh.nodes[:, 1] > 0.05, mesh.nodes[:, 1], 0.3 * mesh.nodes[:, 1])
+    mesh = replace(mesh, nodes=np.column_stack([mesh.nodes[:, 0], uneven]))
+    stiffness, mass = matrices_of(steel(mesh))
+    body = Assembled.of(mesh.nodes, labels_of(mesh), {}, mesh, stiffness, mass)
+    chosen = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
+    numbers = tuple(int(n) for n in labels_of(mesh)[chosen])
+    frame = body.frame(numbers, "entry")
+    np.testing.assert_allclose(frame.centre, (0.0, 0.05), atol=1e-15)
+    assert abs(body.nodes[chosen, 1].mean() - 0.05) > 5e-3
+    # inside, and of nodes beside whole faces, no faces are known
+    inner = np.flatnonzero(mesh.nodes[:, 0] == 0.2)
+    faces, found = body.faces_of(tuple(int(n) for n in labels_of(mesh)[inner]), "entry")
+    assert not len(faces) and set(found) == set(inner)
+    assert not len(body.faces_of((*numbers, int(labels_of(mesh)[inner[1]])), "entry")[0])
+
+
+@pytest.mark.parametrize("kind", ["csv", "inp"])
+def test_a_check_says_of_each_point_what_it_is_the_mean_over(kind: str, tmp_path: Path) -> None:
+    scene = written(tmp_path)
+    if kind == "csv":
+        write_csv(tmp_path / "rod.csv", solid_meshes()["rod"])
+        mesh, ends = solid_meshes()["rod"], ("left", "right")
+        faces = {end: [int(n) for n in labels_of(mesh)[np.unique(mesh.groups[end])]] for end in ends}
+        rod = scene.bodies["rod"]
+        given = rod.matrices.model_copy(update={"nodes": str(tmp_path / "rod.csv"), "faces": faces})
+        scene = scene.model_copy(update={"bodies": scene.bodies | {"rod": rod.model_copy(update={"matrices": given})}})
+    said = describe_scene(scene, solid_meshes() | {"rod": read_assembled(scene, "rod")})
+    means = {"csv": "means over nodes that count alike, as their faces are not known", "inp": "means over areas of faces"}
+    assert means[kind] in said and not any(text in said for other, text in means.items() if other != kind)

@@ -6,17 +6,22 @@ import json
 import os
 import shutil
 import subprocess
+import zipfile
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from conftest import TIMEOUT_SECONDS
-from exported import Unit, assert_equal, needs_compiler, scene_of, simulated, with_scene
+from exported import COMPILER, Unit, assert_equal, needs_compiler, scene_of, simulated, with_scene
 from runs import reduced_model
 from scipy.integrate import solve_ivp
 
+from pgmp_petsc.code import source
 from pgmp_petsc.code.constants import constants_of
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
+from pgmp_petsc.code.source import _weigh
 from pgmp_petsc.code.variables import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
@@ -35,6 +40,7 @@ found = simulate_fmu(path, fmi_type=kind, output_interval=step, start_values=sta
 print(json.dumps([problems, {name: found[name].tolist() for name in found.dtype.names}]))
 """
 STEP = 5e-4
+THREADS = Path(__file__).with_name("instances_in_threads.c")
 
 
 @pytest.fixture(scope="module")
@@ -227,12 +233,88 @@ def test_what_is_refused_is_said(loaded, act, said) -> None:
     assert said in loaded.said[-1]
 
 
-def test_a_fifth_instance(loaded) -> None:
-    more = [loaded.instantiate() for _ in range(4)]
-    assert [one is None for one in more] == [False, False, False, True]
-    assert "at most so many" in loaded.said[-1]
-    loaded.free(more[0])
-    assert loaded.instantiate() == more[0]
+def test_every_instance_has_memory_of_its_own(loaded) -> None:
+    more = [loaded.instantiate() for _ in range(8)]
+    assert None not in more and len(set(more)) == 8
+    for one in more:
+        loaded.free(one)
+    loaded.free(None)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("sanitizer", ["thread", "address,undefined"])
+def test_instances_in_threads(slider_crank, tmp_path, version, sanitizer) -> None:
+    """Instances that threads make, run and free at once give what one gives alone, and share nothing that is written."""
+    write_fmu(constants_of(slider_crank, "it"), tmp_path / "m.fmu", version)
+    with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
+        archive.extractall(tmp_path)
+    sources = sorted((tmp_path / "sources").glob("*.c"))
+    options = [f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all", "-O1", "-g", f"-DVERSION={version}", "-pthread"]
+    command = [COMPILER, *options, "-I", tmp_path / "sources", THREADS, *sources, "-lm", "-o", tmp_path / "run"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    if "cannot find" in done.stderr:
+        pytest.skip(f"no library for -fsanitize={sanitizer}")
+    assert done.returncode == 0, done.stderr
+    # its memory has to be where it expects it
+    fixed = ["setarch", "-R"] if shutil.which("setarch") else []
+    done = subprocess.run([*fixed, tmp_path / "run"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "the same\n", "")
+
+
+HYPHENS = """
+import sys
+from fmpy import read_model_description
+from fmpy.validation import validate_fmu
+assert validate_fmu(sys.argv[1]) == [], validate_fmu(sys.argv[1])
+print(*(variable.name for variable in read_model_description(sys.argv[1]).modelVariables), sep="\\n")
+"""
+
+
+def described(fmu: Path) -> dict[str, dict[str, str]]:
+    """Return unit, range and start of the variables of an FMU by name."""
+    with zipfile.ZipFile(fmu) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    entries = {entry.get("name"): entry.attrib | (entry[0].attrib if len(entry) else {}) for entry in root.find("ModelVariables")}
+    keys = ("unit", "min", "max", "start")
+    return {name: {key: entry[key] for key in keys if key in entry} for name, entry in entries.items()}
+
+
+def test_units_and_ranges(fmus, slider_crank) -> None:
+    served = slider_crank.served["r1"]
+    for version in VERSIONS:
+        found = described(fmus[version])
+        ends = {"min": str(served.low), "max": str(served.high)}
+        assert found["parameters.r1"] == {"unit": "m", **ends, "start": "0.0056"}
+        assert found["effects.motor"] == {"unit": "N m", "start": "0.0"}
+        assert found["outputs.crank_angle"] == {"unit": "rad"} and found["outputs.slider_position"] == {"unit": "m"}
+        assert found["validity"] == {"min": "0", "max": "31"} and found["elastic_rotation"]["unit"] == "rad"
+        assert (found["rates.theta"]["unit"], found["der(rates.theta)"]["unit"]) == ("rad/s", "rad/s2")
+        assert found["states.mode[1]"] == {}
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
+    found = constants_of(slider_crank, "it")
+    renamed = {
+        key: {f"{name}-1": value for name, value in getattr(found, key).items()}
+        for key in ("parameters", "served", "strengths", "outputs", "output_units", "strength_units", "parameter_units")
+    }
+    weights = replace(found, name="slider-crank", coordinate_names=["theta-1"], **renamed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "_weigh", lambda constants: _weigh(found))
+        write_fmu(weights, tmp_path / "m.fmu", version)
+    unit = Unit(tmp_path / "m.fmu", tmp_path / "there")
+    assert unit.instantiate() and unit.begin() == 0
+    names = described(tmp_path / "m.fmu")
+    assert {"parameters.'r1-1'", "effects.'motor-1'", "effects.'motor-1_follows_scene'"} < set(names)
+    assert {"outputs.'crank_angle-1'", "states.'theta-1'", "der(rates.'theta-1')", "states.mode[1]"} < set(names)
+    if shutil.which(FMPY) is None:
+        pytest.skip(f"no {FMPY}")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [FMPY, "-c", HYPHENS, tmp_path / "m.fmu"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[:-1] == [*names]
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -29,7 +29,7 @@ typedef struct {
     fmi2Real nextEventTime;
 } fmi2EventInfo;
 
-static void say(const struct unit *me, int status, const char *text) {
+static void say(const struct voice *me, int status, const char *text) {
     ((fmi2Logger)me->logger)(me->environment, me->name, (fmi2Status)status,
                              status == UNIT_WARNING ? "logStatusWarning" : "logStatusError", "%s", text);
 }
@@ -46,26 +46,16 @@ EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n,
 
 EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                      const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
-    struct unit nobody = {.environment = callbacks->componentEnvironment, .say = say}, *me;
+    struct voice caller = {.say = say};
     (void)resources, (void)visible, (void)logging;
-    nobody.logger = (void (*)(void))callbacks->logger;
-    strncpy(nobody.name, name, sizeof nobody.name - 1);
-    if (guid == NULL || strcmp(guid, FMU_GUID) != 0) {
-        unit_say(&nobody, UNIT_ERROR, "the GUID is not %s: modelDescription.xml is of another model", FMU_GUID);
-        return NULL;
+    if (callbacks != NULL) {
+        caller.environment = callbacks->componentEnvironment;
+        caller.logger = (void (*)(void))callbacks->logger;
     }
-    me = unit_new(name, type == fmi2ModelExchange);
-    if (me == NULL) {
-        unit_say(&nobody, UNIT_ERROR, "there are %d instances already; at most so many in a process", MOST_INSTANCES);
-        return NULL;
-    }
-    me->environment = nobody.environment, me->say = say, me->logger = nobody.logger;
-    return me;
+    return unit_new(caller, name, guid, type == fmi2ModelExchange);
 }
 
-EXPORT void fmi2FreeInstance(fmi2Component c) {
-    if (c != NULL) ((struct unit *)c)->used = 0;
-}
+EXPORT void fmi2FreeInstance(fmi2Component c) { unit_free(c); }
 
 EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
                                       fmi2Boolean stops, fmi2Real stop) {

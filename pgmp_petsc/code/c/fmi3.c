@@ -4,7 +4,6 @@
 
 #include <stdbool.h>
 #include <stdint.h>
-#include <string.h>
 
 #include "unit.h"
 
@@ -17,7 +16,7 @@ typedef const char *fmi3String;
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
 typedef void (*fmi3Callback)(void); /* of what this FMU never calls back */
 
-static void say(const struct unit *me, int status, const char *text) {
+static void say(const struct voice *me, int status, const char *text) {
     ((fmi3LogMessageCallback)me->logger)(me->environment, (fmi3Status)status,
                                          status == UNIT_WARNING ? "logStatusWarning" : "logStatusError", text);
 }
@@ -26,19 +25,8 @@ static void say(const struct unit *me, int status, const char *text) {
 
 static fmi3Instance instantiate(fmi3String name, fmi3String token, int exchange, fmi3InstanceEnvironment environment,
                                 fmi3LogMessageCallback logger) {
-    struct unit nobody = {.environment = environment, .say = say}, *me;
-    nobody.logger = (void (*)(void))logger;
-    if (token == NULL || strcmp(token, FMU_GUID) != 0) {
-        unit_say(&nobody, UNIT_ERROR, "the token is not %s: modelDescription.xml is of another model", FMU_GUID);
-        return NULL;
-    }
-    me = unit_new(name, exchange);
-    if (me == NULL) {
-        unit_say(&nobody, UNIT_ERROR, "there are %d instances already; at most so many in a process", MOST_INSTANCES);
-        return NULL;
-    }
-    me->environment = environment, me->say = say, me->logger = nobody.logger;
-    return me;
+    struct voice caller = {.environment = environment, .say = say, .logger = (void (*)(void))logger};
+    return unit_new(caller, name, token, exchange);
 }
 
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
@@ -70,16 +58,13 @@ EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3Strin
                                                       fmi3InstanceEnvironment environment,
                                                       fmi3LogMessageCallback logger, fmi3Callback update,
                                                       fmi3Callback lock, fmi3Callback unlock) {
-    struct unit nobody = {.environment = environment, .say = say};
+    struct voice caller = {.environment = environment, .say = say, .logger = (void (*)(void))logger};
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)update, (void)lock, (void)unlock;
-    nobody.logger = (void (*)(void))logger;
-    unit_say(&nobody, UNIT_ERROR, "this FMU is for co-simulation and model exchange, not for scheduled execution");
+    unit_say(&caller, UNIT_ERROR, "this FMU is for co-simulation and model exchange, not for scheduled execution");
     return NULL;
 }
 
-EXPORT void fmi3FreeInstance(fmi3Instance c) {
-    if (c != NULL) ((struct unit *)c)->used = 0;
-}
+EXPORT void fmi3FreeInstance(fmi3Instance c) { unit_free(c); }
 
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean given, fmi3Float64 tolerance,
                                               fmi3Float64 start, fmi3Boolean stops, fmi3Float64 stop) {

@@ -1,4 +1,4 @@
-/* Instances are static, MOST_INSTANCES of a process.
+/* Every instance has memory of its own, and all that they share is constant: threads may have one each.
 
    written by pgmp_petsc */
 
@@ -7,33 +7,38 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define MESSAGE 400
-#define FAIL(...) return unit_say(me, UNIT_ERROR, __VA_ARGS__)
+#define FAIL(...) return unit_say(&me->voice, UNIT_ERROR, __VA_ARGS__)
 
-static struct unit units[MOST_INSTANCES];
-
-struct unit *unit_new(const char *name, int exchange) {
-    for (int k = 0; k < MOST_INSTANCES; k++) {
-        struct unit *me = units + k;
-        if (me->used) continue;
-        memset(me, 0, sizeof *me);
-        me->exchange = exchange, me->used = 1;
-        snprintf(me->name, sizeof me->name, "%s", name);
-        unit_reset(me);
-        return me;
+struct unit *unit_new(struct voice voice, const char *name, const char *token, int exchange) {
+    struct unit *me;
+    snprintf(voice.name, sizeof voice.name, "%s", name == NULL ? "" : name);
+    if (token == NULL || strcmp(token, FMU_GUID) != 0) {
+        unit_say(&voice, UNIT_ERROR, "the token is not %s: modelDescription.xml is of another model", FMU_GUID);
+        return NULL;
     }
-    return NULL;
+    me = calloc(1, sizeof *me);
+    if (me == NULL) {
+        unit_say(&voice, UNIT_ERROR, "there is no memory for an instance, %lu bytes", (unsigned long)sizeof *me);
+        return NULL;
+    }
+    me->voice = voice, me->exchange = exchange;
+    unit_reset(me);
+    return me;
 }
 
-int unit_say(const struct unit *me, int status, const char *format, ...) {
+void unit_free(struct unit *me) { free(me); }
+
+int unit_say(const struct voice *voice, int status, const char *format, ...) {
     char text[MESSAGE];
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    if (me->logger != NULL) me->say(me, status, text);
+    if (voice->logger != NULL) voice->say(voice, status, text);
     return status;
 }
 
@@ -158,7 +163,7 @@ int unit_set_real(struct unit *me, const unsigned vr[], size_t n, const double v
             act_anew(me);
             if (me->model.follows_scene[number] && value[k] != 0.0 && !me->warned) {
                 me->warned = 1;
-                status = unit_say(me, UNIT_WARNING,
+                status = unit_say(&me->voice, UNIT_WARNING,
                                   "effects.%s is set but has no effect as long as effects.%s_follows_scene is true",
                                   pgmp_strength_names[number], pgmp_strength_names[number]);
             }
@@ -218,7 +223,7 @@ int unit_get_derivatives(struct unit *me, size_t n, double values[]) {
     refresh(me);
     for (unsigned k = 0; k < n && n == unit_count_states(); k++) values[k] = derivative_of(me, k);
     if (me->model.validity & PGMP_NOT_FINITE)
-        return unit_say(me, UNIT_DISCARD, "the accelerations at %g s are no finite numbers", me->time);
+        return unit_say(&me->voice, UNIT_DISCARD, "the accelerations at %g s are no finite numbers", me->time);
     return check_count(me, n);
 }
 

@@ -18,8 +18,6 @@
 #define EXPORT
 #endif
 
-#define MOST_INSTANCES 4
-
 /* As both versions of FMI number them. */
 enum { UNIT_OK, UNIT_WARNING, UNIT_DISCARD, UNIT_ERROR };
 
@@ -39,19 +37,26 @@ enum {
     TIME
 };
 
-struct unit {
-    struct pgmp_model model;
+/* How messages reach who called. */
+struct voice {
     char name[64];
     void *environment;
-    void (*say)(const struct unit *unit, int status, const char *text); /* of the version of FMI */
+    void (*say)(const struct voice *voice, int status, const char *text); /* of the version of FMI */
     void (*logger)(void);
+};
+
+struct unit {
+    struct voice voice; /* the first, so that FMI's pointer is one to it too */
+    struct pgmp_model model;
     int exchange; /* model exchange, or co-simulation */
-    int used, running, stale, unweighed, warned, standing;
+    int running, stale, unweighed, warned, standing;
     double time, since; /* of model exchange: now, and when the pieces over time were chosen */
 };
 
-struct unit *unit_new(const char *name, int exchange);
-int unit_say(const struct unit *unit, int status, const char *format, ...);
+/* NULL, which is said, where there is none. */
+struct unit *unit_new(struct voice voice, const char *name, const char *token, int exchange);
+void unit_free(struct unit *unit);
+int unit_say(const struct voice *voice, int status, const char *format, ...);
 int unit_begin(struct unit *unit);
 int unit_reset(struct unit *unit);
 int unit_get_real(struct unit *unit, const unsigned vr[], size_t n, double value[]);

@@ -13,13 +13,14 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d
+from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d, Material
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+from pgmp_petsc.studies.plausibility.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
-WAVE_SPEEDS = (100.0, 20_000.0)  # m/s, of longitudinal waves: 50 in rubber, 1,300 in lead, 12,000 in diamond
-DENSITIES = (10.0, 25_000.0)  # kg/m3: foams to osmium
 NEARLY_INCOMPRESSIBLE = 0.49
 MANY_ELEMENTS = 1000  # of one straight beam
 FEW_ELEMENTS, ENOUGH_ELEMENTS = 3, 8  # of a flexible one: with three its first frequency is 15 % too high
@@ -37,7 +38,8 @@ class Size:
         kg.
     frequency_hz
         First bending frequency as a beam with hinged ends, ``pi / 2 i c / length^2`` with the radius of gyration i of
-        the section and the speed c of waves, Hz; 0 for rigid bodies.
+        the section and the speed c of waves, Hz; 0 for rigid bodies. What is held otherwise, carries a mass or hangs
+        on another body may have a quarter of it: a finding asks `first_frequency`.
     """
 
     length: float
@@ -59,10 +61,34 @@ def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     return sizes
 
 
-def material_findings(scene: Scene) -> Iterator[Finding]:
-    """Yield materials that do not exist."""
+def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
+    """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz.
+
+    None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
+    """
+    from pgmp_petsc.mechanism.kinematics import RigidKinematics
+    from pgmp_petsc.mechanism.mechanism import Mechanism
+    from pgmp_petsc.models.model import start_of
+    from pgmp_petsc.modes.problem import ModalProblem
+
+    if set(meshes) != set(scene.bodies) or any(body.continuum for body in scene.bodies.values()):
+        return None
+    try:
+        kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+        with ModalProblem(kinematics, scene.values, 1, alone()) as problem:
+            modes = problem.solve(start_of(scene, kinematics.mechanism)[0])
+    except PgmpError:
+        return None
+    return math.sqrt(max(float(modes.eigenvalues[0]), 0.0)) / (2.0 * math.pi) or None
+
+
+def material_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
+    """Yield materials that do not exist; without a `system` in which all do, each by its numbers in SI units."""
     for name, material in scene.materials.items():
         entry = f"materials.{name}"
+        yield from _poisson(scene, name, material)
+        if system is not None:
+            continue
         density_entry, density = named(scene, f"{entry}.rho", material.rho)
         modulus_entry, modulus = named(scene, f"{entry}.E", material.E)
         if not DENSITIES[0] <= density <= DENSITIES[1]:
@@ -79,12 +105,16 @@ def material_findings(scene: Scene) -> Iterator[Finding]:
                 f"{WAVE_SPEEDS[0]:g} to {WAVE_SPEEDS[1]:,.0f} m/s; E is in Pa: steel has 210e9",
                 modulus,
             )
-        if material.nu < 0.0:
-            yield doubt(f"{entry}.nu", "negative, which few materials are", material.nu)
-        elif material.nu > NEARLY_INCOMPRESSIBLE and any(
-            body.continuum and name in (body.material, *body.regions.values()) for body in scene.bodies.values()
-        ):
-            yield doubt(f"{entry}.nu", "nearly incompressible; continuum elements are far too stiff then", material.nu)
+
+
+def _poisson(scene: Scene, name: str, material: Material) -> Iterator[Finding]:
+    entry = f"materials.{name}.nu"
+    if material.nu < 0.0:
+        yield doubt(entry, "negative, which few materials are", material.nu)
+    elif material.nu > NEARLY_INCOMPRESSIBLE and any(
+        body.continuum and name in (body.material, *body.regions.values()) for body in scene.bodies.values()
+    ):
+        yield doubt(entry, "nearly incompressible; continuum elements are far too stiff then", material.nu)
 
 
 def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:

@@ -7,6 +7,7 @@ mechanism can have, such as a beam thicker than long or a motion faster than lig
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from itertools import chain
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -14,12 +15,13 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.remarks import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.studies.plausibility.bodies import body_findings, material_findings, matrix_findings, sizes_of
+from pgmp_petsc.studies.plausibility.bodies import body_findings, first_frequency, material_findings, matrix_findings, sizes_of
 from pgmp_petsc.studies.plausibility.loads import load_findings
 from pgmp_petsc.studies.plausibility.motion import motion_findings
 from pgmp_petsc.studies.plausibility.parameters import parameter_findings
 from pgmp_petsc.studies.plausibility.settings import setting_findings, unused_findings
 from pgmp_petsc.studies.plausibility.stops import stop_findings
+from pgmp_petsc.studies.plausibility.unit_systems import SI, system_findings, unit_system
 
 
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
@@ -36,16 +38,18 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     InputError
         If entries cannot be meant, one line for each.
     """
-    sizes = sizes_of(scene, meshes or {})
+    first = cache(lambda: first_frequency(scene, meshes or {}))
+    sizes, system = sizes_of(scene, meshes or {}), unit_system(scene)
     findings = list(
         chain(
             parameter_findings(scene),
-            material_findings(scene),
+            material_findings(scene, system),
+            system_findings(scene, system),
             body_findings(scene, sizes),
             matrix_findings(scene, meshes or {}),
-            load_findings(scene, sizes),
-            motion_findings(scene, sizes),
-            setting_findings(scene, sizes),
+            load_findings(scene, sizes, system or SI, first),
+            motion_findings(scene, sizes, system or SI),
+            setting_findings(scene, sizes, first),
             unused_findings(scene),
         )
     )

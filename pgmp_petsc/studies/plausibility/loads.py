@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene import Scene
@@ -12,16 +12,21 @@ from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.slides import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+from pgmp_petsc.studies.plausibility.unit_systems import SI, UnitSystem
 
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
-STRONG_GRAVITY = 100.0  # m/s2, ten times the Earth's
+STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
 HEAVY = 1_000.0  # times the mass of all bodies
+SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 SHORTEST_STEPS = 1e-3  # steps that a stiff spring's or damper's time lasts
 
 
-def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
-    """Yield what is strange about effects."""
+def load_findings(
+    scene: Scene, sizes: Mapping[str, Size], system: UnitSystem, first: Callable[[], float | None]
+) -> Iterator[Finding]:
+    """Yield what is strange about effects; `first` returns the first frequency of the mechanism, Hz, if it can be
+    had."""
     mass = sum(size.mass for size in sizes.values())
     length = max((size.length for size in sizes.values()), default=0.0)
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
@@ -31,9 +36,9 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             for part in parts_of(name, effect).values():
                 yield from _over_time(scene, entry, part)
                 if whole:
-                    yield from _speed(scene, entry, part, mass, length)
+                    yield from _speed(scene, entry, part, mass, length, system)
         elif isinstance(effect, kinds.Gravity):
-            yield from _gravity(scene, entry, effect)
+            yield from _gravity(scene, entry, effect, system)
         elif isinstance(effect, kinds.PointMass) and whole:
             where, value = named(scene, f"{entry}.mass", effect.mass)
             if value > HEAVY * mass:
@@ -41,7 +46,7 @@ def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
         elif isinstance(effect, (kinds.SpringDamper, kinds.EndStop)):
             yield from _spring(scene, entry, effect, mass, length, whole)
         elif isinstance(effect, kinds.StructuralDamping):
-            yield from _damping(scene, entry, effect, sizes)
+            yield from _damping(scene, entry, effect, sizes, first)
         elif isinstance(effect, kinds.JointDamping) and effect.coefficient == 0.0:
             yield doubt(f"{entry}.coefficient", f"makes {entry} zero; leave it out", 0.0)
         elif isinstance(effect, kinds.JointFriction) and effect.limit == 0.0:
@@ -78,7 +83,7 @@ def _over_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> 
 
 
 def _speed(
-    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float
+    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float, system: UnitSystem
 ) -> Iterator[Finding]:
     """Estimate how fast a load would make the mechanism, as one rod of all its mass that nothing else holds."""
     duration = scene.simulation.duration
@@ -93,25 +98,28 @@ def _speed(
     turns = isinstance(effect, kinds.Torque)
     inertia = mass * length / 3.0 if turns else mass
     speed = abs(scale) * impulse / inertia
+    metres = speed * system.speed
     unit, what = ("N m s", "torque") if turns else ("N s", "force")
     words = (
         f"its impulse of {abs(scale) * impulse:.3g} {unit} would make the mechanism, {mass:.3g} kg and {length:.3g} m, "
         f"as fast as {speed:.3g} m/s"
     )
-    if speed > LIGHT:
+    if metres > LIGHT:
         yield refusal(place, f"{words}, faster than light")
-    elif speed > FAST:
+    elif metres > FAST:
         yield doubt(place, f"{words}, if nothing holds it; is the {what} in {unit.removesuffix(' s')}?")
 
 
-def _gravity(scene: Scene, entry: str, effect: kinds.Gravity) -> Iterator[Finding]:
+def _gravity(scene: Scene, entry: str, effect: kinds.Gravity, system: UnitSystem) -> Iterator[Finding]:
     where, value = named(scene, f"{entry}.acceleration", effect.acceleration)
     if value < 0.0:
         yield doubt(where, "negative: it acts against its direction; turn `direction` round instead", value)
     elif value == 0.0:
         yield doubt(where, f"makes {entry} zero; leave it out", value)
-    if abs(value) > STRONG_GRAVITY:
-        yield doubt(where, "more than ten times the Earth's 9.81 m/s2", value)
+    earth = system.gravity
+    if abs(value) > STRONG_GRAVITY * earth or 0.0 < abs(value) < earth / WEAK_GRAVITY and system != SI:
+        less = "more than ten times" if abs(value) > earth else f"less than 1/{WEAK_GRAVITY:g} of"
+        yield doubt(where, f"{less} the Earth's {earth:g} {system.names[0]}/{system.names[2]}2", value)
 
 
 def _spring(
@@ -142,7 +150,13 @@ def _spring(
         )
 
 
-def _damping(scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+def _damping(
+    scene: Scene,
+    entry: str,
+    effect: kinds.StructuralDamping,
+    sizes: Mapping[str, Size],
+    first: Callable[[], float | None],
+) -> Iterator[Finding]:
     found = [
         (name, sizes[name].frequency_hz)
         for name in effect.bodies or scene.bodies
@@ -150,15 +164,21 @@ def _damping(scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: M
     ]
     if not found:
         return
-    name, frequency = min(found, key=lambda pair: pair[1])
+    name, bending = min(found, key=lambda pair: pair[1])
     for key, ratio in (
-        ("stiffness", math.pi * frequency * effect.stiffness),
-        ("mass", effect.mass / (4.0 * math.pi * frequency)),
+        ("stiffness", lambda hz: math.pi * hz * effect.stiffness),
+        ("mass", lambda hz: effect.mass / (4.0 * math.pi * hz)),
     ):
-        if ratio > 1.0:
+        # what is held less than by hinges bends more slowly: its damping by mass is worse than it looks
+        if ratio(bending) <= (1.0 if key == "stiffness" else 1.0 / SLOWEST):
+            continue
+        frequency, what = first(), "the first mode of the mechanism, of"
+        if frequency is None:
+            frequency, what = bending, f"{name}, which between hinged ends bends with about"
+        if ratio(frequency) > 1.0:
             yield doubt(
                 f"{entry}.{key}",
-                f"damps {name}, which bends with about {frequency:.3g} Hz, with {ratio:.3g} times the critical damping",
+                f"damps {what} {frequency:.3g} Hz, with {ratio(frequency):.3g} times the critical damping",
                 getattr(effect, key),
             )
 

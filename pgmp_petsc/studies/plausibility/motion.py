@@ -14,23 +14,24 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 from pgmp_petsc.studies.plausibility.loads import FAST, LIGHT
+from pgmp_petsc.studies.plausibility.unit_systems import UnitSystem
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
 N_LOOKED_AT = 2001  # instants of a run
 
 
-def motion_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
     """Yield starts and motions that are too fast."""
-    length = max((size.length for size in sizes.values()), default=0.0)
+    length, clock = system.length * max((size.length for size in sizes.values()), default=0.0), system.time
     for name, state in scene.simulation.initial.items():
         entry = f"simulation.initial.{name}"
         where, velocity = named(scene, f"{entry}.velocity", state.velocity)
-        yield from _fast(where, velocity, length, velocity)
+        yield from _fast(where, velocity / clock, length, velocity)
         if abs(state.position) > MANY_TURNS:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
         if isinstance(effect, kinds.PrescribedMotion):
-            yield from _driven(f"effects.{name}", effect, length)
+            yield from _driven(f"effects.{name}", effect, length, clock)
             yield from _out_of_range(scene, name, effect)
             if effect.table is not None and effect.table[0][0] > scene.simulation.duration:
                 yield doubt(
@@ -40,18 +41,18 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding
                 )
 
 
-def _driven(entry: str, effect: kinds.PrescribedMotion, length: float) -> Iterator[Finding]:
+def _driven(entry: str, effect: kinds.PrescribedMotion, length: float, clock: float) -> Iterator[Finding]:
     if effect.harmonic is not None:
         speed = 2 * math.pi * effect.harmonic.frequency_hz * effect.harmonic.amplitude
-        yield from _fast(f"{entry}.harmonic", speed, length)
+        yield from _fast(f"{entry}.harmonic", speed / clock, length)
     elif effect.spin_up is not None:
-        yield from _fast(f"{entry}.spin_up.speed", effect.spin_up.speed, length, effect.spin_up.speed)
+        yield from _fast(f"{entry}.spin_up.speed", effect.spin_up.speed / clock, length, effect.spin_up.speed)
     elif effect.constant_speed is not None:
         speed = effect.constant_speed.speed
-        yield from _fast(f"{entry}.constant_speed.speed", speed, length, speed)
+        yield from _fast(f"{entry}.constant_speed.speed", speed / clock, length, speed)
     else:
         speed = max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(effect.table))
-        yield from _fast(f"{entry}.table", speed, length)
+        yield from _fast(f"{entry}.table", speed / clock, length)
 
 
 def _out_of_range(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[Finding]:

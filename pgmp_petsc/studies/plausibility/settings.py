@@ -3,7 +3,7 @@ nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from pydantic import BaseModel
 
@@ -22,13 +22,15 @@ STEPS_A_PERIOD = 3  # of a body's first bending; with fewer a motion cannot be t
 SMALL_RANGE = 1e-3  # rad
 LARGE_TABLES, LARGEST_TABLES = 16e9, 1e12  # bytes
 BYTES = 8
+Frequency = Callable[[], float | None]
 
 
-def setting_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
-    """Yield settings that do not go together."""
+def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
+    """Yield settings that do not go together; `first` returns the first frequency of the mechanism, Hz, if it can be
+    had."""
     simulation = scene.simulation
     if simulation.tolerance is None or "step" in simulation.model_fields_set:
-        yield from _steps(scene, sizes)
+        yield from _steps(scene, sizes, first)
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
         if high - low < SMALL_RANGE:
@@ -43,7 +45,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Findin
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
 
 
-def _steps(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
     simulation = scene.simulation
     step, n_steps = simulation.step, simulation.duration / simulation.step
     if n_steps <= 1.0:
@@ -58,13 +60,16 @@ def _steps(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
     if bending:
         softest = min(bending, key=bending.__getitem__)
         if step * bending[softest] * STEPS_A_PERIOD > 1.0:
-            yield doubt(
-                "simulation.step",
-                f"{softest} bends with about {bending[softest]:.3g} Hz, of which a period has "
-                f"{1 / (step * bending[softest]):.2g} steps; at least {STEPS_A_PERIOD} are needed to see it: take "
-                f"{0.05 / bending[softest]:.1g} s",
-                step,
-            )
+            frequency, what = first(), "the first mode of the mechanism has"
+            if frequency is None:
+                frequency, what = bending[softest], f"between hinged ends {softest} bends with about"
+            if step * frequency * STEPS_A_PERIOD > 1.0:
+                yield doubt(
+                    "simulation.step",
+                    f"{what} {frequency:.3g} Hz, of which a period has {1 / (step * frequency):.2g} steps; at least "
+                    f"{STEPS_A_PERIOD} are needed to see it: take {0.05 / frequency:.1g} s",
+                    step,
+                )
 
 
 def _tables(scene: Scene) -> Iterator[Finding]:

@@ -1,0 +1,368 @@
+"""What the time step does to a full-order or component run, from a second run of the same system with a coarser step.
+
+A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y``. Three regimes:
+
+**Resolved.** The scheme is of second order, and the error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett
+and Wanner 1993, section II.4).
+
+**Vibrations that the coarser run loses.** Where d is as large as the vibration itself, in a band of frequencies, their
+phases have parted, and Richardson's quotient is too small, up to ``r^2 - 1`` times. There the error follows from the
+scheme alone: its amplification of a free vibration is an eigenvalue lambda of a step for ``omega h``, exact would be
+``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
+2000, section 9.1), up to 2 a, opposite phases. Amplitudes and frequencies as the run has them, ``arg lambda``, are those
+of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d itself.
+
+**Friction and stops** whose vibrations are lost: they turn the vibration into slow motion, which the two runs have
+differently, whatever the order. What is left of d counts a third then (`ROUGH`); that estimate is unsure, and said so.
+
+The coarser run has a fifth of the steps and no other record than the outputs. It is given up where it fails or its
+Newton corrections exceed a share of the run's (`MOST_CORRECTIONS`), and the estimate then ends there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, count_steps
+from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.models import Model
+from pgmp_petsc.runtime.progress import Progress
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation
+
+if TYPE_CHECKING:
+    from pgmp_petsc.ensemble.watchers import Begun, Found
+
+TIMES = 5  # steps of the run in one of the coarser run
+# of the corrections of the run. What a small mechanism's run records takes as long as its corrections do
+MOST_CORRECTIONS, MOST_OF_SMALL, SMALL = 0.4, 0.6, 300  # unknowns
+FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
+LOOKS = 10  # steps of the coarser run between two looks at its corrections
+PER_WINDOW, SHORTEST, LONGEST = 16, 16, 512  # windows of a run, and steps in one
+LOWEST = 2  # band that counts: lower ones hold what is not periodic
+LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
+TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations move what has friction or stops
+ROUGH = 3.0
+EDGED = ("joint_friction", "end_stop")
+
+
+@dataclass(frozen=True)
+class CoarserRun:
+    """Outputs of a run with a coarser step.
+
+    Attributes
+    ----------
+    step
+        s.
+    time
+        Instants, shape (n_t,), s.
+    outputs
+        By name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed.
+    status, failure_time
+        Of every sample; FINE and NaN where only the corrections were too many.
+    """
+
+    step: float
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    status: np.ndarray
+    failure_time: np.ndarray
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """Errors of one run's time step.
+
+    Attributes
+    ----------
+    time
+        Instants, shape (n_e,), s.
+    outputs
+        Error of each output, shape (n_e,): the run's less what it should be.
+    lost_hz
+        Frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming.
+    unsure
+        Whether friction or stops act together with lost vibrations.
+    """
+
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    lost_hz: float
+    unsure: bool
+
+
+def run_coarser(
+    model: Model,
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray,
+    n_corrections: float = np.inf,
+    bar: Progress | None = None,
+) -> CoarserRun:
+    """Run a system again, with a coarser step. Collective on ``system.comm``.
+
+    Parameters
+    ----------
+    simulation
+        That of the run.
+    alive
+        Samples to run, shape (n_samples,).
+    n_corrections
+        Newton corrections of the run; no limit where they are not known.
+    bar
+        Shows its steps.
+    """
+    coarse = coarser(simulation)
+    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
+    stops = np.append(np.arange(0, n_steps, LOOKS), n_steps)
+    stepper = GeneralisedAlpha(
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None
+    )
+    share = MOST_OF_SMALL if model.kinematics.mechanism.n_dofs <= SMALL else MOST_CORRECTIONS
+    while stepper.n_done < n_steps and stepper.n_iterations <= share * n_corrections:
+        if not np.any(stepper.status == Status.FINE):
+            break
+        stepper.advance()
+    time, found = record.outputs()
+    failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
+    outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
+    return CoarserRun(coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time)
+
+
+class OutputRecord:
+    """Keeps what the outputs are made of after every step; observes a run.
+
+    Parameters
+    ----------
+    model, system
+        A model, and its system.
+    bar
+        Shows the steps.
+    """
+
+    every = 1
+
+    def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
+        self._model, self._system, self._bar = model, system, bar
+        self._times: list[float] = []
+        self._waiting: list[State] = []
+        self._observed: list[np.ndarray] = []
+        together = system.n_samples == 1 and hasattr(model, "observed_over")
+        self._at_once = system.instants_at_once if together else 1
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        self._times.append(time)
+        self._waiting.append(state)
+        if len(self._waiting) >= self._at_once:
+            self._evaluate()
+        if self._bar is not None:
+            self._bar.update(number > 0)
+
+    def _evaluate(self) -> None:
+        states, self._waiting = self._waiting, []
+        if not states:
+            return
+        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            if self._at_once == 1:
+                self._observed += [self._model.observed(self._system, state) for state in states]
+            else:
+                frames = self._system.frames_over(states)
+                self._observed.append(self._model.observed_over(self._system, states, frames))
+
+    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
+        self._evaluate()
+        time = np.array(self._times)
+        with np.errstate(all="ignore"):
+            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
+        return time, {name: values.reshape(time.size, -1) for name, values in found.items()}
+
+
+def coarser(simulation: Simulation) -> Simulation:
+    """Return the simulation with the coarser step."""
+    n_steps = -(-count_steps(simulation.duration, simulation.step) // TIMES)
+    return simulation.model_copy(update={"step": simulation.duration / n_steps})
+
+
+def step_errors(
+    scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
+) -> StepErrors | None:
+    """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
+
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), and each of the same shape.
+    other
+        The coarser run.
+    sample
+        Number of the sample in it.
+    """
+    known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
+    n = known.size if known.all() else int(np.argmin(known))
+    finite = all(np.isfinite(values).all() for values in outputs.values())
+    if n <= FEWEST or not finite:
+        return None
+    at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
+    covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
+    bands = Bands.of(scene.simulation.spectral_radius, n_steps)
+    differences, lost, loudest = {}, {}, (0.0, np.nan)
+    for name, values in outputs.items():
+        there = other.outputs[name][:n, sample]
+        differences[name] = there - CubicSpline(time, values)(at)
+        off, place = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
+        lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
+        share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
+        if share > loudest[0]:
+            loudest = share, bands.turns[place] / (2.0 * np.pi * step)
+    trembles = loudest[0] > TREMBLES
+    unsure = any(effect.type in EDGED for effect in scene.effects.values()) and (
+        trembles or other.status[sample] != Status.FINE
+    )
+    order = ROUGH if unsure else ratio**2 - 1.0
+    errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
+    return StepErrors(at, errors, loudest[1] if trembles else np.nan, unsure)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Bands of a short-time Fourier transform: Hann windows, half over one another.
+
+    Attributes
+    ----------
+    length
+        Steps in a window.
+    turns
+        ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,).
+    drifts
+        By what share of its amplitude such a vibration goes off in a step, shape (n_bands,).
+    """
+
+    length: int
+    turns: np.ndarray
+    drifts: np.ndarray
+
+    @classmethod
+    def of(cls, spectral_radius: float, n_steps: int) -> Bands:
+        """Return the bands for a run."""
+        length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
+        exact = np.concatenate([np.linspace(1e-3, 3.0, 600), np.geomspace(3.01, 200.0, 300)])
+        rates = amplification(spectral_radius, exact)
+        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
+        drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts)
+
+    @property
+    def hop(self) -> int:
+        """Steps between the middles of neighbouring windows, the first of which is the start."""
+        return self.length // 2
+
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, int]:
+        """Return how far vibrations out of phase are off in every window, and the band with most of it.
+
+        Parameters
+        ----------
+        fine, coarse
+            An output of both runs after every step of the finer one, shape (n,).
+        ratio
+            Of their steps.
+        """
+        if fine.size < 2 * self.length:
+            return np.zeros(1), 0
+        amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
+        out = apart > LOST * amplitudes
+        out[:, :LOWEST] = False
+        largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
+        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1])
+        found = np.empty_like(amplitudes)
+        for k, drift in enumerate(self.hop * self.drifts * amplitudes):
+            found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
+            off = np.where(out[k], found[k], apart[k] / (ratio**2 - 1.0))
+        return np.sqrt((found**2).sum(axis=1)), int(np.argmax(found.max(axis=0)))
+
+    def _amplitudes(self, values: np.ndarray) -> np.ndarray:
+        """Return the amplitudes of all bands in all windows, shape (n_windows, n_bands).
+
+        The squares of neighbouring bands add up to that of a vibration between them. The ends go on point-symmetrically
+        for half a window: what begins at the start is seen.
+        """
+        n, half = self.length, self.hop
+        ahead, behind = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
+        every = np.concatenate([ahead, values, behind])
+        windows = np.lib.stride_tricks.sliding_window_view(every, n)[::half]
+        line = np.arange(n) - 0.5 * (n - 1)
+        slopes = windows @ line / (line @ line)
+        level = windows - windows.mean(axis=1, keepdims=True) - slopes[:, None] * line
+        hann = np.sin(np.pi * np.arange(n) / n) ** 2
+        return np.abs(np.fft.rfft(level * hann, axis=1)) * 4.0 / (n * np.sqrt(1.5))
+
+
+def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:
+    """Return the logarithm of the scheme's factor for a free vibration in a step, for omega h of shape (n,).
+
+    With ``q'' = -omega^2 q`` a step of `generalised_alpha` is linear in (q, h q', h^2 A).
+    """
+    s = Scheme.of(spectral_radius, 1.0)
+    square, weight = turns**2, 1.0 / (1.0 - s.alpha_m)
+    by = 1.0 + s.beta * weight * (1.0 - s.alpha_f) * square
+    steps = np.empty((turns.size, 3, 3))
+    steps[:, 0, 0] = (1.0 - s.beta * weight * s.alpha_f * square) / by
+    steps[:, 0, 1] = 1.0 / by
+    steps[:, 0, 2] = (0.5 - s.beta - s.beta * weight * s.alpha_m) / by
+    steps[:, 2] = -weight * (1.0 - s.alpha_f) * square[:, None] * steps[:, 0]
+    steps[:, 2, 0] -= weight * s.alpha_f * square
+    steps[:, 2, 2] -= weight * s.alpha_m
+    steps[:, 1] = s.gamma * steps[:, 2]
+    steps[:, 1, 1] += 1.0
+    steps[:, 1, 2] += 1.0 - s.gamma
+    values = np.linalg.eigvals(steps)
+    chosen = np.take_along_axis(values, np.argmax(np.abs(values.imag), axis=1)[:, None], axis=1)[:, 0]
+    return np.log(chosen.real + 1j * np.abs(chosen.imag))
+
+
+class CoarserWatcher:
+    """Estimates the errors of the time step of all samples of full-order and component ensembles; see
+    `ensemble.watchers`."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known."""
+        names = self._model.outputs.functions
+        return {kind: {name: np.full(n, np.nan) for name in names} for kind in ("errors", "errors_at_end")}
+
+    def watch(self, begun: Begun) -> _CoarserWatch:
+        """Begin to watch a run."""
+        return _CoarserWatch(self._model, begun)
+
+
+class _CoarserWatch:
+    """Keeps the outputs of a run, and runs its system again."""
+
+    def __init__(self, model: Model, begun: Begun) -> None:
+        self._model, self._begun = model, begun
+        self.observer = OutputRecord(model, begun.system)
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the largest errors, and those at the end; NaN where they are not known."""
+        model, begun = self._model, self._begun
+        time, outputs = self.observer.outputs()
+        alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
+        other = run_coarser(model, begun.system, begun.simulation, alive)
+        largest, at_end = ({name: np.full(begun.samples.size, np.nan) for name in outputs} for _ in range(2))
+        for place, sample in enumerate(begun.samples):
+            own = {name: values[:, sample] for name, values in outputs.items()}
+            errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
+            if errors is None or errors.time.size < other.time.size:
+                continue
+            for name, values in errors.outputs.items():
+                largest[name][place], at_end[name][place] = np.abs(values).max(), values[-1]
+        return {"errors": largest, "errors_at_end": at_end}
