@@ -46,6 +46,7 @@ LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
+MOST_FACTOR = 20.0  # logarithm of what errors may make of a probability
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -286,8 +287,10 @@ def _of_own_error(
     if not np.isfinite(at).any():
         return (not_known(model.scene, what),)
     shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
-    beyond, here = np.interp([shift, 0.0], curve[::-1], np.log(shares[::-1]))
-    without = found.probability * float(np.exp(beyond - here))
+    # how far before the level, where the curve ends, the probability is e times as large
+    logs = np.log(shares[::-1])
+    far = float(np.interp(logs[0] + 1.0, logs, curve[::-1]))
+    without = found.probability * (float(np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR))) if far > 0.0 else 1.0)
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 
