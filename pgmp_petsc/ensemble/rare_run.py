@@ -227,7 +227,8 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    said = (*scene.remarks, *rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence), *draw_remarks(scene))
+    estimated = isinstance(model, (FullModel, *REDUCED))
+    said = (*scene.remarks, *rare_remarks(found, status, estimated, confidence), *draw_remarks(scene))
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
     if isinstance(model, REDUCED):
@@ -290,7 +291,8 @@ def _of_own_error(
     # how far before the level, where the curve ends, the probability is e times as large
     logs = np.log(shares[::-1])
     far = float(np.interp(logs[0] + 1.0, logs, curve[::-1]))
-    without = found.probability * (float(np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR))) if far > 0.0 else 1.0)
+    factor = np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR)) if far > 0.0 else 1.0
+    without = found.probability * float(factor)
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 
