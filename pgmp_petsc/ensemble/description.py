@@ -113,7 +113,7 @@ def describe_ensemble(
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),
         *of_statistics(
-            outputs.items(), estimates["errors_at_end"], chosen, units,
+            (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
         ),
     )  # fmt: skip

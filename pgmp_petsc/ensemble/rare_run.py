@@ -7,6 +7,7 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,8 @@ from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.models import FullModel, LengthLanes, Model, ReducedModel, of_samples
+from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.numbers import with_unit
 from pgmp_petsc.results.rare_event import MostLikely, RareEvent
@@ -46,6 +48,7 @@ LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
+MOST_FACTOR = 20.0  # logarithm of what errors may make of a probability
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -233,7 +236,8 @@ def _result(
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    remarks = rare_remarks(found, status, isinstance(model, FullModel), confidence)
+    estimated = isinstance(model, (FullModel, *REDUCED))
+    remarks = rare_remarks(found, status, estimated, confidence)
     said = (*scene.remarks, *remarks, *draw_remarks(scene))
     stepping = stepping_names(scene)
     if stepping:
@@ -241,6 +245,8 @@ def _result(
         said += (note(text),)
     if isinstance(model, ReducedModel):
         said += outside_of(model.served, parameters, "--rare")
+    if isinstance(model, REDUCED):
+        said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
         model=model.name,
         record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
@@ -266,6 +272,43 @@ def _result(
         parameters=parameters,
         status=status,
     )
+
+
+def _of_own_error(
+    model: ReducedModel | LengthLanes,
+    event: Event,
+    found: RareSamples,
+    names: Sequence[str],
+    parameters: Mapping[str, np.ndarray],
+    value: np.ndarray,
+) -> tuple[Remark, ...]:
+    """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
+    samples nearest to it, along the curve of probabilities over levels.
+
+    Of an event at any time, errors are taken at their largest.
+    """
+    what, (curve, shares) = "the probability", found.curve()
+    known = np.flatnonzero(np.isfinite(value))
+    nearest = known[np.argsort(np.abs(value[known] - event.level), kind="stable")[:LANES]]
+    if not (found.reached and nearest.size and curve.size):
+        return ()
+    points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
+    errors = OwnErrors.of_runs(of_samples(model, names), points)
+    if errors is None:
+        return (not_known(model.scene, what),)
+    at = errors.at_end[event.output]
+    if event.when == "ever":
+        rows = [of_run[event.output] for _, of_run in errors.histories]
+        at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
+    if not np.isfinite(at).any():
+        return (not_known(model.scene, what),)
+    shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
+    # how far before the level, where the curve ends, the probability is e times as large
+    logs = np.log(shares[::-1])
+    far = float(np.interp(logs[0] + 1.0, logs, curve[::-1]))
+    factor = np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR)) if far > 0.0 else 1.0
+    without = found.probability * float(factor)
+    return of_figures([(what, found.probability, without, found.probability)], what)
 
 
 def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
@@ -332,7 +375,7 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
         remarks.append(
             note(
                 "errors of the model and of the time step were not estimated at these samples, and the interval does "
-                "not know of them; pgmp montecarlo without --rare estimates a reduced model's"
+                "not know of them"
             )
         )
     return remarks

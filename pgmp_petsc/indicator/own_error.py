@@ -134,4 +134,4 @@ def of_figures(
             told.append(f"{what}: {value:.5g}, about {without:.5g} without the estimated errors")
     if told:
         return (warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"),)
-    return (note(f"estimated errors of the reduced model are {100 * max(shares):.2g} % of {sizes}, or less"),)
+    return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)

@@ -38,7 +38,7 @@ def test_figures_are_told_from_a_share_of_their_size_on() -> None:
     (said,) = of_figures([("a", 2.0, 1.0, 2.0), ("b", 2.0, 1.99, 2.0)])
     assert said.kind == "warning" and "a: 2, about 1 without" in said.text and "b:" not in said.text
     (said,) = of_figures([("b", 2.0, 1.99, 2.0), ("idle", 0.0, 0.0, 0.0)], "the standard errors")
-    assert said.kind == "note" and "0.5 % of the standard errors, or less" in said.text
+    assert said.kind == "note" and "up to 0.5 % of the standard errors" in said.text
 
 
 def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:

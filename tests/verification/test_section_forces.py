@@ -13,12 +13,14 @@ from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
 from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
+from pgmp_petsc.scene.ensemble import Event
 from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.goals import read_goal
 from pgmp_petsc.studies.optimization import optimize
@@ -101,7 +103,7 @@ def test_statistics_say_where_they_are_the_models_error() -> None:
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         found, worse = (run_ensemble(one, Plan(60, 1), group) for one in (mechanism(), without_answers(mechanism())))
     said = [[r.text for r in one.record.remarks if "own error is a good part" in r.text] for one in (found, worse)]
-    assert "crank_shear: 20 checked samples have a deviation of" in said[1][0]
+    assert "deviation, quantiles of rod_force: " in said[1][0] and "checked samples have a deviation of" in said[1][0]
     assert not any("rod_force" in text for text in said[0])
 
 
@@ -129,3 +131,17 @@ def test_the_answers_are_kept_with_the_model_and_count_for_its_identity(tmp_path
         file["missed/answers"] = answers
     with pytest.raises(InputError, match="the tables of missed answers do not fit; build it again"):
         type(rom).read(tmp_path / "rom.h5")
+
+
+def test_a_rare_event_says_what_the_models_error_does_to_it() -> None:
+    event = Event(output="rod_force", when="end", above=8.0)
+    found, worse = (
+        run_rare_event(one, event, 500, 1, MPI.COMM_SELF) for one in (mechanism(), without_answers(mechanism()))
+    )
+    said = [[r.text for r in one.record.remarks if "of the probability" in r.text or "own error" in r.text]
+            for one in (found, worse)]  # fmt: skip
+    assert said[0][0].startswith("errors of the reduced model are estimated at up to ")
+    assert said[1][0].startswith("the reduced model's own error is a good part of the probability: ")
+    without = float(said[1][0].split("about ")[1].split()[0])
+    # towards the better model's, by the estimate of one level's shift
+    assert abs(np.log(without / found.estimate)) < 0.5 * abs(np.log(worse.estimate / found.estimate))
