@@ -94,8 +94,7 @@ class ErrorIndicator:
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / FINER})
-        edges = bool(self.model.actions.edges)
-        self.schedules = schedules(self.n_steps, simulation.duration, self._most, edges)
+        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
         self.kept = kept_steps([schedule.steps for schedule in self.schedules])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:

@@ -37,10 +37,9 @@ def test_long_strides_have_no_common_factor_and_no_memory(n_steps: int) -> None:
 
 def test_every_step_is_evaluated_and_smaller_ones_where_that_is_not_enough() -> None:
     found = schedules(1000, 1.0)
-    assert [one.steps.size - 1 for one in found] == [500, 1000, 2000, 4000]
+    assert [one.steps.size - 1 for one in found] == [1000, 2000, 4000]
     assert {one.spectral_radius for one in found} == {DAMPED}
     assert [one.steps.size - 1 for one in schedules(1000, 1.0, most=1999)] == [500, 1000]
-    assert [one.steps.size - 1 for one in schedules(1000, 1.0, with_edges=True)] == [1000, 2000, 4000]
     # however dear: so many are needed to see anything
     assert schedules(1000, 1.0, most=1)[-1].steps.size - 1 == LEAST
 
