@@ -31,6 +31,7 @@ from pgmp_petsc.indicator.schedule import (
     AGREED,
     FINER,
     UNSURE,
+    UNSURE_WITH_OTHERS,
     Schedule,
     differences,
     kept_steps,
@@ -209,12 +210,13 @@ class WatchedRun:
                 largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
-        absent = {}
+        absent, factors = {}, np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
+        allowed = np.where((factors > UNSURE).any(axis=0), UNSURE_WITH_OTHERS, UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
             reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
             reasons[fine & ~followed] = STOPPED
-            unsure = np.isfinite(largest[name]) & ~(apart[name] <= UNSURE)
+            unsure = np.isfinite(largest[name]) & ~(apart[name] <= allowed)
             for sample in np.flatnonzero(unsure):
                 reasons[sample] = _disagree(apart[name][sample])
                 histories[sample][1][name][:] = np.nan

@@ -31,6 +31,7 @@ FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
 DAMPED = 0.5  # spectral radius of the steps of the error: less than of runs, as these instants are all that is seen
 AGREED = 1.25  # ratio of two estimates, of which the second is then kept
+UNSURE_WITH_OTHERS = 1.5  # where another output of the same run is unsure
 UNSURE = 2.5  # beyond which the last two do not tell the error, as their own errors are of second order in the interval
 
 
