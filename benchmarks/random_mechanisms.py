@@ -30,8 +30,7 @@ from benchmarks.effectivity import FACTOR, Case, compare, refer
 HEAD = """[scene]
 name = "random"
 [ground.points]
-d = [{d!r}, 0.0]
-top = [0.0, 0.0, 0.8]
+{point}
 [materials.steel]
 E = 210e9
 nu = 0.3
@@ -48,8 +47,8 @@ LIMITED = '[coordinates.q]\njoint = "j0"\nrange = [-3.0, 3.0]\n'
 class Made:
     """The text of a scene that is drawn; numbers are rounded to what a user would write."""
 
-    def __init__(self, rng: np.random.Generator, d: float = 0.0) -> None:
-        self._rng, self._parts = rng, [HEAD.format(d=d)]
+    def __init__(self, rng: np.random.Generator, point: str = "d = [1.0, 0.0]") -> None:
+        self._rng, self._parts = rng, [HEAD.format(point=point)]
 
     def number(self, low: float, high: float) -> float:
         """Return a number between two limits."""
@@ -100,7 +99,7 @@ def circle(radius: float) -> str:
 def four_bar(rng: np.random.Generator, stop: bool) -> str:
     """Return a four-bar with friction and a spring at the rocker."""
     a, b, c, d = (float(f"{rng.uniform(*ends):.4g}") for ends in ((0.05, 0.12), (0.35, 0.5), (0.25, 0.35), (0.35, 0.5)))
-    s, along = Made(rng, d), (b * b - c * c + (d - a) ** 2) / (2 * (d - a))
+    s, along = Made(rng, f"d = [{d!r}, 0.0]"), (b * b - c * c + (d - a) ** 2) / (2 * (d - a))
     height = math.sqrt(b * b - along * along)
     rest = math.atan2(height, a + along - d)
     for name, length, n, place, angle in (("crank", a, 4, (0.0, 0.0), 0.0), ("rocker", c, 6, (d, 0.0), rest),
@@ -151,7 +150,7 @@ def slider(rng: np.random.Generator, stop: bool) -> str:
 
 def frame(rng: np.random.Generator, rope: bool) -> str:
     """Return an L-shaped frame in space under gravity, with a rope or friction."""
-    s = Made(rng)
+    s = Made(rng, "top = [0.0, 0.0, 0.8]")
     arm, cross = s.number(0.3, 0.6), s.number(0.15, 0.35)
     s.add("bodies", "arm", line=f"{{ length = {arm!r}, elements = 6 }}", element='"beam3d"', material='"steel"',
           section=rectangle(s.number(0.005, 0.01), s.number(0.01, 0.015)), orientation=[0.0, 0.0, 1.0])  # fmt: skip

@@ -40,6 +40,7 @@ from pgmp_petsc.indicator.schedule import (
     schedules,
 )
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
+from pgmp_petsc.models.model import floors_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -87,6 +88,7 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
+        self.floors = dict(zip(model.outputs.functions, floors_of(model)))
         self._most = most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
@@ -202,7 +204,8 @@ class WatchedRun:
             begin = None if equilibria is None else equilibria[:, chosen]
             errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
-            between = differences({name: values[chosen] for name, values in largest.items()}, now)
+            before = {name: values[chosen] for name, values in largest.items()}
+            between = differences(before, now, indicator.floors)
             alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
             settled[chosen] = alike | ~about[chosen]
             time = schedule.steps[schedule.told] * (indicator.step / FINER)

@@ -96,11 +96,18 @@ def _every(stride: int, n_steps: int) -> np.ndarray:
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def differences(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known."""
-    with np.errstate(all="ignore"):
-        ratios = {name: np.where(one[name] == other[name], 1.0, one[name] / other[name]) for name in one}
-    return {name: np.maximum(ratio, 1.0 / ratio) for name, ratio in ratios.items()}
+def differences(
+    one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], floors: Mapping[str, float]
+) -> dict[str, np.ndarray]:
+    """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known.
+
+    What is below its floor is taken for that.
+    """
+    found = {}
+    for name, floor in floors.items():
+        ratio = np.maximum(one[name], floor) / np.maximum(other[name], floor)
+        found[name] = np.maximum(ratio, 1.0 / ratio)
+    return found
 
 
 def price_of_evaluation(mechanism: Mechanism) -> float:
