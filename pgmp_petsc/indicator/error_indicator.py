@@ -301,8 +301,8 @@ class WatchedRun:
         r = self._indicator.model.kinematics.n_coordinates
         theta = states[:, 0, :, :r]
         finite = np.isfinite(states).all(axis=(0, 1, 3))
-        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:3])
-        return finite & reached.all(axis=(0, 2))
+        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:2])
+        return finite & reached.all(axis=0)
 
 
 def _disagree(factor: float) -> str:
