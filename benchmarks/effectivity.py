@@ -320,7 +320,7 @@ def measure(case: Case, n_samples: int, refinement: int, seed: int = SEED) -> tu
     for torque in case.torques:
         load = () if torque == AS_IT_IS else (f"effects.{MOTOR}.table={TORQUES[torque]}",)
         scene, meshes = case.read(load)
-        values = draw(scene, seed, 0, n_samples)
+        values = draw(scene, seed, 0, n_samples) or {"none": np.zeros(n_samples)}  # of scenes without parameters
         reference = refer(case, load, values, refinement)
         for setting in case.settings:
             own = () if setting == AS_IT_IS else SETTINGS[setting]

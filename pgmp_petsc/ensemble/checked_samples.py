@@ -37,9 +37,8 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = count_steps(simulation.duration, simulation.step)
-    of_run = n_steps, simulation.duration, most_evaluations(mechanism)
-    # by the first two of them most samples are settled
-    evaluations = sum(one.steps.size for one in schedules(*of_run, bool(model.actions.edges))[:2])
+    sets = schedules(n_steps, simulation.duration, most_evaluations(mechanism))[:2]  # by these most samples are settled
+    evaluations = sum(one.steps.size for one in sets)
     estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
         estimate = LANES * estimate + OF_PLACE * model.n_places

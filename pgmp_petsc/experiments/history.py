@@ -15,6 +15,7 @@ from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.outputs import joint_angle
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
@@ -22,8 +23,6 @@ from pgmp_petsc.scene import Scene
 AnyModel = FullModel | ReducedModel
 
 MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
-# an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
-ROUND_OFF = 1e-10
 MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
 MOST_MISSING = 0.1  # share of the exact run's instants at which an output may be no number without being a failure
 OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
@@ -183,15 +182,6 @@ def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -
         # a start near the end of the range is none of the run's doing
         result &= np.all(kept | (angles == angles[0]), axis=0)
     return result
-
-
-def floors_of(model: AnyModel) -> np.ndarray:
-    """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
-    sizes = {stress.name: stress.size for stress in model.outputs.stresses}
-    units = model.outputs.units.items()
-    return np.array(
-        [ROUND_OFF * sizes.get(name, 1.0 if unit == "rad" else model.kinematics.size) for name, unit in units]
-    )
 
 
 def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:

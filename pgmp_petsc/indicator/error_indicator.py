@@ -31,6 +31,7 @@ from pgmp_petsc.indicator.schedule import (
     AGREED,
     FINER,
     UNSURE,
+    UNSURE_WITH_OTHERS,
     Schedule,
     differences,
     kept_steps,
@@ -39,6 +40,7 @@ from pgmp_petsc.indicator.schedule import (
     schedules,
 )
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
+from pgmp_petsc.models.model import floors_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -86,6 +88,7 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
+        self.floors = dict(zip(model.outputs.functions, floors_of(model)))
         self._most = most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
@@ -94,8 +97,7 @@ class ErrorIndicator:
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / FINER})
-        edges = bool(self.model.actions.edges)
-        self.schedules = schedules(self.n_steps, simulation.duration, self._most, edges)
+        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
         self.kept = kept_steps([schedule.steps for schedule in self.schedules])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
@@ -202,7 +204,8 @@ class WatchedRun:
             begin = None if equilibria is None else equilibria[:, chosen]
             errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
-            between = differences({name: values[chosen] for name, values in largest.items()}, now)
+            before = {name: values[chosen] for name, values in largest.items()}
+            between = differences(before, now, indicator.floors)
             alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
             settled[chosen] = alike | ~about[chosen]
             time = schedule.steps[schedule.told] * (indicator.step / FINER)
@@ -210,12 +213,13 @@ class WatchedRun:
                 largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
-        absent = {}
+        absent, factors = {}, np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
+        allowed = np.where((factors > UNSURE).any(axis=0), UNSURE_WITH_OTHERS, UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
             reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
             reasons[fine & ~followed] = STOPPED
-            unsure = np.isfinite(largest[name]) & ~(apart[name] <= UNSURE)
+            unsure = np.isfinite(largest[name]) & ~(apart[name] <= allowed)
             for sample in np.flatnonzero(unsure):
                 reasons[sample] = _disagree(apart[name][sample])
                 histories[sample][1][name][:] = np.nan
@@ -297,8 +301,8 @@ class WatchedRun:
         r = self._indicator.model.kinematics.n_coordinates
         theta = states[:, 0, :, :r]
         finite = np.isfinite(states).all(axis=(0, 1, 3))
-        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:3])
-        return finite & reached.all(axis=(0, 2))
+        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:2])
+        return finite & reached.all(axis=0)
 
 
 def _disagree(factor: float) -> str:

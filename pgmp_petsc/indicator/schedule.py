@@ -2,9 +2,9 @@
 
 Errors of what the reduction leaves out are driven for a long time where they meet a vibration of the bodies or of the
 mechanism, and set off at once where a stop is entered or friction turns round. Instants that are further apart than the
-run's own steps damp the one and miss the other. So every step is evaluated, and every second one to compare with; where
-these disagree, every second step and every step of the run with smaller steps that is followed (`FINER` in one). Where
-a stop may be entered, whose impulse is known to about one interval of the contact, it begins with every step.
+run's own steps damp the one and miss the other. So every step is evaluated, and every half of one to compare with; where
+these disagree, every step of the run with smaller steps that is followed (`FINER` in one). Vibrations that the run's
+steps do not resolve look slow at these, and even slower at every second one: the two would agree on what is wrong.
 
 A run of many steps, or a dear one, is evaluated at longer strides. What is faster than these cannot be foreseen: seen
 at the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
@@ -31,6 +31,7 @@ FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
 DAMPED = 0.5  # spectral radius of the steps of the error: less than of runs, as these instants are all that is seen
 AGREED = 1.25  # ratio of two estimates, of which the second is then kept
+UNSURE_WITH_OTHERS = 1.5  # where another output of the same run is unsure
 UNSURE = 2.5  # beyond which the last two do not tell the error, as their own errors are of second order in the interval
 
 
@@ -61,15 +62,15 @@ class Schedule:
     spectral_radius: float
 
 
-def schedules(n_steps: int, duration: float, most: int = MOST, with_edges: bool = False) -> list[Schedule]:
+def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
     """Return the schedules of a run from the coarsest, which is there to be compared with, to the densest with no more
-    than `most` evaluations; with edges of laws, such as stops, from every step on."""
+    than `most` evaluations."""
     most = min(max(most, LEAST), MOST)
     stride = -(-n_steps // most)
     strides = [FINER * max(2, 2 * stride - 1), FINER * stride]
     while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
         strides.append(strides[-1] // 2)
-    strides = strides[1:] if with_edges and len(strides) > 2 else strides
+    strides = strides[1:] if len(strides) > 2 else strides
     steps = [_every(each, FINER * n_steps) for each in strides]
     kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
     return [
@@ -95,11 +96,18 @@ def _every(stride: int, n_steps: int) -> np.ndarray:
     return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
-def differences(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known."""
-    with np.errstate(all="ignore"):
-        ratios = {name: np.where(one[name] == other[name], 1.0, one[name] / other[name]) for name in one}
-    return {name: np.maximum(ratio, 1.0 / ratio) for name, ratio in ratios.items()}
+def differences(
+    one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], floors: Mapping[str, float]
+) -> dict[str, np.ndarray]:
+    """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known.
+
+    What is below its floor is taken for that.
+    """
+    found = {}
+    for name, floor in floors.items():
+        ratio = np.maximum(one[name], floor) / np.maximum(other[name], floor)
+        found[name] = np.maximum(ratio, 1.0 / ratio)
+    return found
 
 
 def price_of_evaluation(mechanism: Mechanism) -> float:

@@ -19,6 +19,8 @@ from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.uses import velocity_names
 
 AT_REST = 1e-12  # rad over a run: less is round-off of sines
+# an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
+ROUND_OFF = 1e-10
 
 
 class Model(Protocol):
@@ -49,6 +51,15 @@ class Model(Protocol):
 
     def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """Return what ``outputs.evaluate`` takes, shape (n_observed, n_samples)."""
+
+
+def floors_of(model: Model) -> np.ndarray:
+    """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
+    sizes = {stress.name: stress.size for stress in model.outputs.stresses}
+    units = model.outputs.units.items()
+    return np.array(
+        [ROUND_OFF * sizes.get(name, 1.0 if unit == "rad" else model.kinematics.size) for name, unit in units]
+    )
 
 
 def require_lengths(scene: Scene, values: Mapping[str, np.ndarray | float]) -> None:

@@ -37,15 +37,15 @@ def test_long_strides_have_no_common_factor_and_no_memory(n_steps: int) -> None:
 
 def test_every_step_is_evaluated_and_smaller_ones_where_that_is_not_enough() -> None:
     found = schedules(1000, 1.0)
-    assert [one.steps.size - 1 for one in found] == [500, 1000, 2000, 4000]
+    assert [one.steps.size - 1 for one in found] == [1000, 2000, 4000]
     assert {one.spectral_radius for one in found} == {DAMPED}
     assert [one.steps.size - 1 for one in schedules(1000, 1.0, most=1999)] == [500, 1000]
-    assert [one.steps.size - 1 for one in schedules(1000, 1.0, with_edges=True)] == [1000, 2000, 4000]
     # however dear: so many are needed to see anything
     assert schedules(1000, 1.0, most=1)[-1].steps.size - 1 == LEAST
 
 
 def test_factors_by_which_estimates_differ() -> None:
-    one = {"a": np.array([1.0, 1.0, 2.0, np.nan, 0.0, 1.0])}
-    other = {"a": np.array([1.0, 2.0, 1.0, 1.0, 0.0, 0.0])}
-    np.testing.assert_array_equal(differences(one, other)["a"], [1.0, 2.0, 2.0, np.nan, 1.0, np.inf])
+    one = {"a": np.array([1.0, 1.0, 2.0, np.nan, 1e-12, 1.0])}
+    other = {"a": np.array([1.0, 2.0, 1.0, 1.0, 1e-15, 0.0])}
+    # what is below the floor, as an output that is zero but for round-off, is that
+    np.testing.assert_allclose(differences(one, other, {"a": 1e-10})["a"], [1.0, 2.0, 2.0, np.nan, 1.0, 1e10])

@@ -173,11 +173,10 @@ def test_the_error_of_modes_that_are_missing(modes: int) -> None:
     assert shares["bent"].min() > 0.3
 
 
-def test_interpolated_inertia_that_comes_to_nothing_does_not_drive_estimates_away() -> None:
+def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None:
     """Between 24 angles the inertia of a mode of other parameters is negative here and there, small around it.
 
-    The run itself is none the worse. Vibrations that are handed from mode to mode there would gain the inverse share
-    of the inertia: estimates were 2e6 to 5e8 times the true error.
+    The run itself is none the worse, but one with smaller steps stops there: there is no estimate, and it says so.
     """
     overrides = (
         *SEEN,
@@ -191,9 +190,11 @@ def test_interpolated_inertia_that_comes_to_nothing_does_not_drive_estimates_awa
     rom = rom_of(slider_crank(*overrides))
     assert "the interpolated mass matrix is not positive definite" in rom.indefinite
     values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
-    ratios, _ = effectivity(slider_crank, overrides, rom, values, refinement=32)
-    for name, found in ratios.items():
-        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.5, err_msg=name)
+    model = ReducedModel(slider_crank(*overrides), rom)
+    assert all(np.isfinite(one).all() for one in history(model, values, 3)[1].values())
+    found = estimated(model, values, 3)
+    assert all(np.isnan(largest).all() for largest in found.largest.values())
+    assert set(found.absent.values()) == {(STOPPED,) * 3}
 
 
 def test_a_spring_that_acts_on_undeformed_bodies_at_once() -> None:

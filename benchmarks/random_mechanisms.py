@@ -1,0 +1,243 @@
+"""How good estimated errors are of mechanisms made at random: friction, stops, springs, frames in space.
+
+    python -m benchmarks.random_mechanisms [--refinement 16] [--seed 0] [NAME ...]
+
+Lengths, sections, materials, loads, friction and stops of four-bars, slider-cranks, L-shaped frames in space and
+spinning arms are drawn; nothing else is said, so that steps, modes and all the rest are those of default settings.
+True errors are those against full-order runs with steps `refinement` times smaller, or half of that where such a run
+stops (friction on light nodes); see `benchmarks.effectivity`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
+from benchmarks.effectivity import FACTOR, Case, compare, refer
+
+HEAD = """[scene]
+name = "random"
+[ground.points]
+{point}
+[materials.steel]
+E = 210e9
+nu = 0.3
+rho = 7800.0
+[materials.alu]
+E = 70e9
+nu = 0.33
+rho = 2700.0
+"""
+ROUND = '[coordinates.q]\njoint = "j0"\nrange = [0.0, 6.283185307179586]\nperiodic = true\n'
+LIMITED = '[coordinates.q]\njoint = "j0"\nrange = [-3.0, 3.0]\n'
+
+
+class Made:
+    """The text of a scene that is drawn; numbers are rounded to what a user would write."""
+
+    def __init__(self, rng: np.random.Generator, point: str = "d = [1.0, 0.0]") -> None:
+        self._rng, self._parts = rng, [HEAD.format(point=point)]
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number between two limits."""
+        return float(f"{self._rng.uniform(low, high):.4g}")
+
+    def material(self) -> str:
+        """Return one of the materials."""
+        return str(self._rng.choice(["steel", "alu"]))
+
+    def add(self, kind: str, name: str, **entries: object) -> None:
+        """Add a table."""
+        lines = (f"{key} = {value if isinstance(value, str) else repr(value)}" for key, value in entries.items())
+        self._parts.append("\n".join([f"[{kind}.{name}]", *lines, ""]))
+
+    def bar(self, name: str, length: float, n: int, material: str, section: str, place: tuple, angle: float) -> None:
+        """Add a beam in the plane."""
+        self.add("bodies", name, line=f"{{ length = {length!r}, elements = {n} }}", element='"beam2d"',
+                 material=f'"{material}"', section=section,
+                 placement=f"{{ origin = {list(place)!r}, angle = {angle!r} }}")  # fmt: skip
+
+    def joint(self, name: str, first: str, second: str, kind: str = "revolute", **entries: object) -> None:
+        """Add a joint."""
+        self.add("joints", name, type=f'"{kind}"', connect=f'["{first}", "{second}"]', **entries)
+
+    def effect(self, name: str, kind: str, **entries: object) -> None:
+        """Add an effect."""
+        self.add("effects", name, type=f'"{kind}"', **entries)
+
+    def outputs(self, **entries: str) -> None:
+        """Add outputs by their tables."""
+        self._parts.append("[outputs]\n" + "".join(f"{name} = {{ {text} }}\n" for name, text in entries.items()))
+
+    def text(self, coordinate: str) -> str:
+        """Return the scene."""
+        return "".join([*self._parts[:-1], coordinate, self._parts[-1]])
+
+
+def rectangle(width: float, height: float) -> str:
+    """Return a section."""
+    return f'{{ shape = "rectangle", width = {width!r}, height = {height!r} }}'
+
+
+def circle(radius: float) -> str:
+    """Return a section."""
+    return f'{{ shape = "circle", radius = {radius!r} }}'
+
+
+def four_bar(rng: np.random.Generator, stop: bool) -> str:
+    """Return a four-bar with friction and a spring at the rocker."""
+    a, b, c, d = (float(f"{rng.uniform(*ends):.4g}") for ends in ((0.05, 0.12), (0.35, 0.5), (0.25, 0.35), (0.35, 0.5)))
+    s, along = Made(rng, f"d = [{d!r}, 0.0]"), (b * b - c * c + (d - a) ** 2) / (2 * (d - a))
+    height = math.sqrt(b * b - along * along)
+    rest = math.atan2(height, a + along - d)
+    for name, length, n, place, angle in (("crank", a, 4, (0.0, 0.0), 0.0), ("rocker", c, 6, (d, 0.0), rest),
+                                          ("coupler", b, 8, (a, 0.0), math.atan2(height, along))):  # fmt: skip
+        s.bar(name, length, n, s.material(), rectangle(0.02, s.number(0.006, 0.012)), place, angle)
+    for number, pair in enumerate((("ground:origin", "crank:hinge"), ("crank:tip", "coupler:hinge"),
+                                   ("coupler:tip", "rocker:tip"), ("ground:d", "rocker:hinge"))):  # fmt: skip
+        s.joint(f"j{number}", *pair)
+    table = [[0.0, 0.0], [s.number(0.1, 0.4), s.number(0.2, 0.6)], [s.number(0.5, 0.8), s.number(-0.2, 0.2)]]
+    s.effect("motor", "torque", joint='"j0"', table=table)
+    s.effect("brake", "joint_friction", joint='"j3"', limit=s.number(0.02, 0.1), speed=s.number(0.05, 0.1))
+    s.effect("spring", "spring_damper", joint='"j3"', stiffness=s.number(0.1, 0.5), damping=s.number(0.003, 0.02),
+             rest=float(f"{rest:.4g}"))  # fmt: skip
+    s.effect("tool", "point_mass", point='"coupler:middle"', mass=s.number(0.05, 0.4))
+    if stop:
+        s.effect("stop", "end_stop", joint='"j3"', lower=rest - 0.08, stiffness=s.number(50, 500), damping=0.2)
+    s.outputs(q='type = "angle", joint = "j0"', r='type = "angle", joint = "j3"',
+              mid='type = "deformation", point = "coupler:middle", axis = "y"',
+              s='type = "stress", body = "coupler", quantity = "stress_max"',
+              F=f'type = "stress", body = "rocker", quantity = "axial_force", at = [{c / 2!r}, 0.0]')  # fmt: skip
+    return s.text(ROUND)
+
+
+def slider(rng: np.random.Generator, stop: bool) -> str:
+    """Return a slider-crank with friction at the slider, a spring or a stop."""
+    s = Made(rng)
+    a, b = s.number(0.06, 0.2), s.number(0.3, 0.7)
+    s.bar("crank", a, 4, "steel", circle(s.number(0.005, 0.01)), (0.0, 0.0), 0.0)
+    s.bar("rod", b, 10, s.material(), circle(s.number(0.004, 0.008)), (a, 0.0), 0.0)
+    s.joint("j0", "ground:origin", "crank:hinge")
+    s.joint("j1", "crank:tip", "rod:hinge")
+    s.joint("sl", "ground:origin", "rod:tip", "point_on_line", direction=[1.0, 0.0])
+    table = [[0.0, 0.0], [s.number(0.1, 0.4), s.number(0.5, 2.0)], [1.0, s.number(0.2, 1.0)]]
+    s.effect("motor", "torque", joint='"j0"', table=table)
+    s.effect("load", "point_mass", point='"rod:tip"', mass=s.number(0.3, 1.5))
+    s.effect("brake", "joint_friction", joint='"sl"', limit=s.number(0.5, 3.0), speed=s.number(0.01, 0.05))
+    if stop:
+        s.effect("stop", "end_stop", joint='"sl"', lower=b - a + 0.01 + s.number(0.0, 0.3) * a,
+                 stiffness=s.number(3e3, 1.5e5), damping=s.number(0.1, 0.8))  # fmt: skip
+    else:
+        s.effect("spring", "spring_damper", joint='"sl"', stiffness=s.number(20, 200), damping=s.number(0.2, 2.0),
+                 rest=a + b)  # fmt: skip
+    s.outputs(q='type = "angle", joint = "j0"', x='type = "sliding", joint = "sl"',
+              mid='type = "deformation", point = "rod:middle", axis = "y"',
+              F=f'type = "stress", body = "rod", quantity = "axial_force", at = [{b / 2!r}, 0.0]')  # fmt: skip
+    return s.text(ROUND)
+
+
+def frame(rng: np.random.Generator, rope: bool) -> str:
+    """Return an L-shaped frame in space under gravity, with a rope or friction."""
+    s = Made(rng, "top = [0.0, 0.0, 0.8]")
+    arm, cross = s.number(0.3, 0.6), s.number(0.15, 0.35)
+    s.add("bodies", "arm", line=f"{{ length = {arm!r}, elements = 6 }}", element='"beam3d"', material='"steel"',
+          section=rectangle(s.number(0.005, 0.01), s.number(0.01, 0.015)), orientation=[0.0, 0.0, 1.0])  # fmt: skip
+    turned = f"{{ origin = [{arm!r}, 0.0, 0.0], rotation = [0.0, 0.0, 1.5707963267948966] }}"
+    s.add("bodies", "cross", line=f"{{ length = {cross!r}, elements = 5 }}", element='"beam3d"',
+          material=f'"{s.material()}"', section=circle(s.number(0.004, 0.007)), placement=turned)  # fmt: skip
+    s.joint("j0", "ground:origin", "arm:hinge", axis=[0.0, 1.0, s.number(0.0, 0.5)])
+    s.joint("weld", "arm:tip", "cross:hinge", "fixed")
+    s.effect("weight", "gravity", direction=[0.0, 0.0, -1.0])
+    s.effect("load", "point_mass", point='"cross:tip"', mass=s.number(0.05, 0.4))
+    if rope:
+        s.effect("rope", "spring_damper", points='["ground:top", "cross:hinge"]', stiffness=s.number(20, 80),
+                 damping=s.number(0.2, 1.0), rest=0.8)  # fmt: skip
+    else:
+        s.effect("brake", "joint_friction", joint='"j0"', limit=s.number(0.1, 0.5), speed=s.number(0.05, 0.2))
+    s.outputs(q='type = "angle", joint = "j0"', z='type = "position", point = "cross:tip", axis = "z"',
+              dz='type = "deformation", point = "cross:tip", axis = "z"',
+              dx='type = "deformation", point = "cross:tip", axis = "x"')  # fmt: skip
+    return s.text(LIMITED)
+
+
+def arm(rng: np.random.Generator, stop: bool) -> str:
+    """Return an arm that a motor swings against friction, between stops or round and round."""
+    s = Made(rng)
+    length = s.number(0.3, 0.9)
+    s.bar("arm", length, 12, s.material(), rectangle(0.02, s.number(0.003, 0.008)), (0.0, 0.0), 0.0)
+    s.joint("j0", "ground:origin", "arm:hinge")
+    motor = f"{{ amplitude = {s.number(0.2, 0.8)!r}, frequency_hz = {s.number(1.0, 5.0)!r} }}"
+    s.effect("motor", "torque", joint='"j0"', harmonic=motor)
+    s.effect("weight", "gravity")
+    s.effect("brake", "joint_friction", joint='"j0"', limit=s.number(0.02, 0.15), speed=s.number(0.1, 0.3))
+    if stop:
+        s.effect("stop", "end_stop", joint='"j0"', lower=-0.8, upper=0.5, stiffness=s.number(50, 300), damping=0.3)
+    at = f"at = [{length / 2!r}, 0.0]"
+    s.outputs(q='type = "angle", joint = "j0"', F=f'type = "stress", body = "arm", quantity = "axial_force", {at}',
+              tip='type = "deformation", point = "arm:tip", axis = "y", frame = "body"',
+              M=f'type = "stress", body = "arm", quantity = "bending_moment", {at}')  # fmt: skip
+    return s.text(LIMITED if stop else ROUND)
+
+
+KINDS: dict[str, tuple[Callable[[np.random.Generator, bool], str], bool]] = {
+    "four_bar": (four_bar, False), "four_bar_stop": (four_bar, True), "slider": (slider, False),
+    "slider_stop": (slider, True), "frame_rope": (frame, True), "frame_friction": (frame, False),
+    "arm": (arm, False), "arm_stop": (arm, True),
+}  # fmt: skip
+EACH = 3
+
+
+def measure(path: Path, refinement: int) -> list[str]:
+    """Return a line for every output: true error, its doubt, and the estimate over it."""
+    case, values = Case(path), {"none": np.zeros(1)}
+    scene, meshes = case.read((), Purpose.BUILD)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        model = ReducedModel(scene, build_rom(scene, meshes, group))
+    reference = refer(case, (), values, refinement)
+    while refinement > 2 and not all(np.isfinite(one).all() for one in reference.exact.values()):
+        refinement //= 2
+        reference = refer(case, (), values, refinement)
+    found = compare(model, reference, values)
+    lines = []
+    for name, (share, (ratio,), (doubt,)) in found.items():
+        verdict = "not estimated" if np.isnan(ratio) else f"{ratio:.2f}"
+        beyond = " beyond" if ratio > FACTOR or ratio < 1.0 / FACTOR else ""
+        lines.append(f"| {path.stem} | {name} | {100 * share:.2g} % | {doubt:.2g} | {verdict}{beyond} |")
+    return lines
+
+
+def main() -> int:
+    """Print a table of all mechanisms."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.random_mechanisms", description=__doc__.split("\n")[0])
+    parser.add_argument("names", nargs="*", choices=[*KINDS, []], metavar="NAME", help=f"of {', '.join(KINDS)}")
+    parser.add_argument("--refinement", type=int, default=16, metavar="K", help="steps of the reference in one")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    given = parser.parse_args()
+    start_petsc()
+
+    def run() -> None:
+        print("| mechanism | output | true error | doubt | estimated over true |\n| --- | --- | --- | --- | --- |")
+        with tempfile.TemporaryDirectory() as folder:
+            for number, (name, (make, choice)) in enumerate(KINDS.items()):
+                for k in range(EACH if name in given.names or not given.names else 0):
+                    path = Path(folder) / f"{name}_{k}.toml"
+                    path.write_text(make(np.random.default_rng([given.seed, number, k]), choice))
+                    print("\n".join(measure(path, given.refinement)), flush=True)
+
+    return guarded(run)
+
+
+if __name__ == "__main__":
+    end(main())
