@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import Run
 from pgmp_petsc.dynamics.smaller_steps import Attempt
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.range_watch import RangeWatch
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import Model, ReducedModel
@@ -165,7 +167,9 @@ def test_a_single_run_at_an_absurd_speed_is_a_failure(name: str) -> None:
     run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)), MPI.COMM_SELF)
     assert run.status != Status.FINE
     assert run.record.remarks[0].kind == "warning" and "simulation stopped at" in run.record.remarks[0].text
-    assert len([remark for remark in run.record.remarks if remark.text.startswith("errors")]) == 1
+    # of a full-order run those of the step, and those of the mesh
+    n_absent = {"full": 2, "reduced": 1}[name]
+    assert len([remark for remark in run.record.remarks if remark.text.startswith("errors")]) == n_absent
 
 
 def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
@@ -179,6 +183,27 @@ def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
     assert part.run.status[0] == Status.NOT_FINITE and part.reach == 2e-3
     assert part.time.tolist() == part.recorded["energies"] == [0.0, 1e-3]
     assert all(np.isfinite(values).all() for values in part.outputs.values())
+
+
+def test_a_part_that_fails_later_ends_where_an_output_was_lost() -> None:
+    model = model_of("reduced")
+    outputs = model.observed_of(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1)), {})
+    outputs[..., 1] = np.nan
+    done = Run(None, np.array([Status.NOT_CONVERGED]), np.array([3e-3]), 3, 0)
+    attempt = Attempt(np.array([0]), np.array([True]), model.scene.simulation, 1)
+    part = _Part.of(model, done, attempt, [0.0, 1e-3, 2e-3, 3e-3], outputs)
+    assert part.run.status[0] == Status.NOT_FINITE and part.reach == 1e-3 and part.time.tolist() == [0.0]
+
+
+def test_a_sample_that_left_the_range_before_it_failed_left_the_range() -> None:
+    """As a single run; one that fails first has failed."""
+    leaving = SimpleNamespace(left_range=lambda system, state: np.array([True, True, True, False]))
+    watch = RangeWatch(leaving, SimpleNamespace(n_samples=4))
+    watch(1, 0.1, None)
+    lost, fine = Status.NOT_CONVERGED, Status.FINE
+    found = watch.judged(Run(None, np.array([lost, fine, lost, lost]), np.array([0.5, np.nan, 0.05, 0.5]), 9, 0))
+    assert found.status.tolist() == [Status.LEFT_RANGE, Status.LEFT_RANGE, lost, lost]
+    assert found.failure_time.tolist() == [0.1, 0.1, 0.05, 0.5]
 
 
 def test_samples_are_the_same_in_batches_of_any_size() -> None:

@@ -15,7 +15,8 @@ MODULES = sorted((ROOT / "tests").rglob("*.py"))
 SECONDS, WAITS = ("timeout", "deadline"), ("wait", "communicate")
 # where the switch itself is tested
 SWITCHES = (
-    "tests/combinations.py", "tests/commands/test_commands.py", "tests/parallel/test_ensemble.py",
+    "tests/combinations.py", "tests/commands/test_commands.py", "tests/hard_cases/test_steps_of_full_order.py",
+    "tests/parallel/test_ensemble.py",
     "tests/unit/test_scene_errors.py", "tests/unit/test_validity.py", "tests/verification/test_starting_jump.py",
 )  # fmt: skip
 
