@@ -18,7 +18,13 @@ from pgmp_petsc.figures.motion import WORDS, uncoloured
 from pgmp_petsc.figures.shapes import AT_REST, FLAT, ends
 from pgmp_petsc.figures.stage import COLOURS, PLAIN, RIGID, view_of
 from pgmp_petsc.figures.style import PALETTE, axis_unit
-from pgmp_petsc.report.bodies import FilmBody, Stress, bodies_of, meshed_bodies, stress_of
+from pgmp_petsc.report.bodies import (
+    FilmBody,
+    Stress,
+    bodies_of,
+    meshed_bodies,
+    stress_of,
+)
 from pgmp_petsc.report.datum import Datum
 from pgmp_petsc.report.still import still_of
 from pgmp_petsc.results import Trajectory

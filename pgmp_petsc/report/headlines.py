@@ -8,12 +8,11 @@ import numpy as np
 
 from pgmp_petsc.figures.style import MODELS
 from pgmp_petsc.figures.trajectories import Comparison
-from pgmp_petsc.report.datum import share_text
 from pgmp_petsc.report.sources import Build
 from pgmp_petsc.report.verdict import MUCH_MORE
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.errors import OF_STEP
-from pgmp_petsc.results.numbers import interval_text, number_text
+from pgmp_petsc.results.numbers import interval_text, number_text, share_text
 from pgmp_petsc.runtime.errors import counted
 from pgmp_petsc.runtime.files import RunRecord
 

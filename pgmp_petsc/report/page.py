@@ -72,7 +72,11 @@ def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
 
 def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     """Return the page's text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
+    from jinja2 import (  # only this command needs it
+        Environment,
+        PackageLoader,
+        StrictUndefined,
+    )
 
     environment = Environment(
         loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,

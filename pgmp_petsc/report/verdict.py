@@ -11,11 +11,24 @@ from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.report.bodies import stress_of
 from pgmp_petsc.report.budget import ModelError, step_errors
-from pgmp_petsc.report.datum import Datum, Interval, Place, Sentence, in_words, sentence_case, share_text
+from pgmp_petsc.report.datum import (
+    Datum,
+    Interval,
+    Place,
+    Sentence,
+    in_words,
+    sentence_case,
+)
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
-from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent
+from pgmp_petsc.results.numbers import (
+    end_texts,
+    interval_text,
+    number_text,
+    percent,
+    share_text,
+)
 from pgmp_petsc.results.rare_event import RareEvent
 
 MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are wrong, see docs/method.md
