@@ -1,4 +1,4 @@
-"""Arguments of the Python interface drawn at random: each is taken, or refused with an error that says what is allowed."""
+"""Arguments of the Python interface drawn at random: each is taken, or refused with an error that says why."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def odd(rom: pgmp.Rom, folder: Path) -> list[object]:
         [3], ["x"], ["\0"], (), {}, {"x": 1}, {3: 1}, {"x": object()}, {"r1": float("nan")}, object(), object, print,
         np.zeros(2), np.float64(2), np.int64(2), np.array("x"), rom.scene, rom, pandas.DataFrame(),
         pandas.DataFrame({"r1": ["a"]}), {"r1": [1.0, "a"]}, {"r1": [[5e-3]]}, range(3), {1, 2}, iter([1]), 1j,
-        Path("x"), pgmp.Stopping(3), pgmp.Stopping([3]), pgmp.Stopping(budget="x"), pgmp.Stopping(["P(crank_angle > 1e999) +- 1"]),
+        Path("x"), pgmp.Stopping(3), pgmp.Stopping([3]), pgmp.Stopping(budget="x"),
+        pgmp.Stopping(["P(crank_angle > 1e999) +- 1"]),
         pgmp.Shard("a", None), pgmp.Shard(0, 0), pgmp.Robust("x"), pgmp.Robust(1, "x"), pgmp.Robust(1, 2, None),
         [pgmp.Correction(3, 4)], [pgmp.Correction("full", 40, 2, 7)], [pgmp.Correction("full", "x")], folder,
     ]  # fmt: skip

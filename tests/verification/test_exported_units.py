@@ -244,7 +244,7 @@ def test_every_instance_has_memory_of_its_own(loaded) -> None:
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("sanitizer", ["thread", "address,undefined"])
 def test_instances_in_threads(slider_crank, tmp_path, version, sanitizer) -> None:
-    """Instances that threads make, run and free at once give what one gives alone, and write nothing that they share."""
+    """Instances that threads make, run and free at once give what one gives alone, and write nothing they share."""
     write_fmu(constants_of(slider_crank, "it"), tmp_path / "m.fmu", version)
     with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
         archive.extractall(tmp_path)
