@@ -28,7 +28,7 @@ def checked_scene(scene: Scene, what: str) -> Scene:
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({output.type})" for name, output in scene.outputs.items() if output.type not in OUTPUTS]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.type not in OUTPUTS]
     if not lacking:
         return ""
     return f"note: {', '.join(lacking)} left out: a model in C has {', '.join(OUTPUTS)}; pgmp simulate has all outputs"

@@ -116,7 +116,8 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
 
     with h5py.File(path, "r") as file:
         group = file["parameters"] if isinstance(file.get("parameters"), h5py.Group) else file
-        used = _used(f"{OPTION} {path}", [name for name, item in group.items() if isinstance(item, h5py.Dataset)], scene)
+        names = [name for name, item in group.items() if isinstance(item, h5py.Dataset)]
+        used = _used(f"{OPTION} {path}", names, scene)
         columns = {}
         for name in used:
             data = group[name]
@@ -141,7 +142,8 @@ def _check_lengths(columns: Mapping[str, np.ndarray], where: str) -> None:
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1 or 0 in lengths.values():
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"{where}: columns {'differ in length' if len(set(lengths.values())) > 1 else 'are empty'}: {found}")
+        what = "differ in length" if len(set(lengths.values())) > 1 else "are empty"
+        raise InputError(f"{where}: columns {what}: {found}")
 
 
 def _used(where: str, names: list[str], scene: Scene) -> list[str]:

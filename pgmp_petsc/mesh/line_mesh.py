@@ -149,7 +149,8 @@ def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension:
     if not finite.all():
         where = int(np.flatnonzero(~finite)[0])
         raise InputError(
-            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers below {FARTHEST:g} are needed"
+            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers "
+            f"below {FARTHEST:g} are needed"
         )
     if dimension == 3:
         places = np.zeros((len(points), 3))

@@ -110,7 +110,9 @@ def _from_npz(path: Path, received: str) -> sp.csr_matrix:
     with np.load(path, allow_pickle=False) as file:
         if "format" not in file:
             names = ", ".join(file.files)
-            raise InputError(f"{received}: an npz file with the arrays {names}; what scipy.sparse.save_npz writes is needed")
+            raise InputError(
+                f"{received}: an npz file with the arrays {names}; what scipy.sparse.save_npz writes is needed"
+            )
         for name in ("row", "col"):  # SciPy would cut them to 32 bits
             if name in file and file[name].max(initial=0) >= max(file["shape"]):
                 raise ValueError(f"{name} numbers beyond its sizes")

@@ -66,7 +66,10 @@ os._exit({TIME_IS_OVER} if over else 128 + number if number else os.WEXITSTATUS(
 
 @contextmanager
 def child(
-    command: Sequence[str | os.PathLike[str]], seconds: float | None = None, cwd: Path | None = None, **streams: int | IO
+    command: Sequence[str | os.PathLike[str]],
+    seconds: float | None = None,
+    cwd: Path | None = None,
+    **streams: int | IO,
 ) -> Iterator[subprocess.Popen]:
     """Run a program that ends with this process; what is left of it at the end of the block is ended.
 

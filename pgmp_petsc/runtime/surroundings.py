@@ -16,7 +16,6 @@ from pgmp_petsc.runtime.errors import InputError, shortened
 
 STREAMS = ("stdin", "stdout", "stderr")
 COMPILED_FOR = {"NUMBA_CPU_NAME": "processor", "NUMBA_CPU_FEATURES": "feature"}
-CURE = "leave it out (unset {0})"
 
 
 def open_standard_streams() -> None:
@@ -135,4 +134,5 @@ def _check_numba(given: dict[str, str]) -> None:
 
 
 def _refused(name: str, why: str) -> InputError:
-    return InputError(f"environment variable {name} = {shortened(os.environ.get(name, ''))!r}: {why}; {CURE.format(name)}")
+    value = shortened(os.environ.get(name, ""))
+    return InputError(f"environment variable {name} = {value!r}: {why}; leave it out (unset {name})")

@@ -391,7 +391,7 @@ WRONG = {
         "at..theta.. = 'a': allowed is",
     ),
     "angles in a list": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1, at=[1.0]), "at: list received"),
-    "half a mode": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1.5), "mode = 1.5: allowed are whole numbers"),
+    "half a mode": (lambda rom, scene: pgmp.animate("x.h5", "x.gif", mode=1.5), "mode = 1.5: allowed are whole"),
     "a job of a scene in memory": (lambda rom, scene: pgmp.run(scene), "scene: Scene received; allowed is the name"),
     "a job without samples": (lambda rom, scene: pgmp.run("x.toml", n=0), "n = 0: allowed are whole numbers from 1"),
     "no such shard": (lambda rom, scene: pgmp.montecarlo(rom, 2, shard=pgmp.Shard(3, 2)), "--shard 3/2: allowed are"),
@@ -479,7 +479,7 @@ WRONG = {
         "samples: sample 1: r1 = -1; must",
     ),
     "no path of a result": (lambda rom, scene: rom.write(3), "path: int received; allowed is the name of a file"),
-    "a result": (lambda rom, scene: pgmp.write_report([3], "x.html"), "results: list received; allowed is a list of results"),
+    "a result": (lambda rom, scene: pgmp.write_report([3], "x.html"), "results: list received; allowed is a list of"),
 }
 
 

@@ -71,7 +71,7 @@ def test_folders_of_others_and_impossible_ones_are_refused(tmp_path: Path) -> No
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("text", ["no JSON", "[]", '{"steps": [1, 2]}', '{"format": 1, "files": {"a": 3}}', "[" * 10**5])
+@pytest.mark.parametrize("text", ["no JSON", "[]", '{"steps": [1]}', '{"format": 1, "files": {"a": 3}}', "[" * 10**5])
 def test_a_ledger_of_somebody_else_is_left_alone(tmp_path: Path, text: str) -> None:
     (tmp_path / LABEL).write_text(text)
     with pytest.raises(InputError, match="its steps.json is none of pgmp run; give another folder with -o, or move"):

@@ -244,7 +244,7 @@ def test_every_instance_has_memory_of_its_own(loaded) -> None:
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("sanitizer", ["thread", "address,undefined"])
 def test_instances_in_threads(slider_crank, tmp_path, version, sanitizer) -> None:
-    """Instances that threads make, run and free at once give what one gives alone, and share nothing that is written."""
+    """Instances that threads make, run and free at once give what one gives alone, and write nothing they share."""
     write_fmu(constants_of(slider_crank, "it"), tmp_path / "m.fmu", version)
     with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
         archive.extractall(tmp_path)
@@ -274,7 +274,8 @@ def described(fmu: Path) -> dict[str, dict[str, str]]:
     """Return unit, range and start of the variables of an FMU by name."""
     with zipfile.ZipFile(fmu) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    entries = {entry.get("name"): entry.attrib | (entry[0].attrib if len(entry) else {}) for entry in root.find("ModelVariables")}
+    found = root.find("ModelVariables")
+    entries = {entry.get("name"): entry.attrib | (entry[0].attrib if len(entry) else {}) for entry in found}
     keys = ("unit", "min", "max", "start")
     return {name: {key: entry[key] for key in keys if key in entry} for name, entry in entries.items()}
 
