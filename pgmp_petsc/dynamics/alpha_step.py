@@ -152,7 +152,7 @@ class AlphaStep:
         self._system = system
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
-        self._limits = hasattr(system, "limited")
+        self._limits, self._rubs = hasattr(system, "limited"), getattr(system, "rubs", False)
         self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
         self.goes_far = self._by_itself and not (self._projects or system.n_events)
         self._ahead: deque[StepTaken] = deque()
@@ -287,7 +287,7 @@ class AlphaStep:
 
     def _probed(self, end: float | np.ndarray) -> bool | np.ndarray:
         """Return whether a step is corrected as if nothing were known of the contraction."""
-        return np.rint(end / self._step) % PROBED_EVERY == 0
+        return (np.rint(end / self._step) % PROBED_EVERY == 0) | self._rubs
 
     def _iterate(
         self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int, expected: np.ndarray
