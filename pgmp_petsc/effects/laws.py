@@ -76,7 +76,7 @@ def law(kind, p, amplitude, s, rate):
 
 @njit(cache=True, error_model="numpy")
 def rubs(laws):
-    """Return whether any of some laws is friction: how one step's iteration contracts says nothing about the next one."""
+    """Return whether any of some laws is friction: how a step's iteration contracts says nothing of the next one."""
     for kind in laws:
         if kind == FRICTION:
             return True

@@ -166,8 +166,8 @@ def test_a_slider_that_sticks_and_slips_converges() -> None:
     )
     travel = np.ptp(exact.y[0])
     errors = [np.abs(places_of_slider(n) - exact.y[0]).max() / travel for n in (250, 1000, 4000, 16000)]
-    # measured: 7e-4, 4e-5, 4e-6, 1e-6; second order over a quarter of the step is a factor of 16, and the first one, which
-    # is left where steps do not resolve s m / L = 1 ms, of 4. The bars of 1e-6 kg change 1e-6
+    # measured: 7e-4, 4e-5, 4e-6, 1e-6; second order over a quarter of the step is a factor of 16, and the first one,
+    # which is left where steps do not resolve s m / L = 1 ms, of 4. The bars of 1e-6 kg change 1e-6
     assert np.all(np.diff(np.log(errors[:-1])) < -np.log(8.0)), errors
     assert errors[-1] < 4e-6, errors
 
