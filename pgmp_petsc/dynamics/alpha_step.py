@@ -123,8 +123,8 @@ class AlphaStep:
     (`StepsTaken`, up to one in which a sample is lost), and is valid everywhere; what fails there is tried here. One
     with events can also put samples of a step into another one (``with_samples``). A step is told what the one before
     has left: the accelerations at its beginning, from which it extrapolates, and the contraction to expect. A system
-    with a method ``count_turns`` keeps turns in its states. One with a method ``limited`` has laws that a correction may
-    take at another rate than the iterate's (`effects.laws.about_zero`): it is told where an iteration begins
+    with a method ``count_turns`` keeps turns in its states. One with a method ``limited`` has laws that a correction
+    may take at another rate than the iterate's (`effects.laws.about_zero`): it is told where an iteration begins
     (``begin_iteration``), and one goes on as long as its sample is among the limited ones, a mask (n_samples,).
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
@@ -154,7 +154,7 @@ class AlphaStep:
         self._system = system
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
-        self._limits = hasattr(system, "limited")
+        self._limits, self._rubs = hasattr(system, "limited"), getattr(system, "rubs", False)
         self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
         self.goes_far = self._by_itself and not (self._projects or system.n_events)
         self._ahead: deque[StepTaken] = deque()
@@ -289,7 +289,7 @@ class AlphaStep:
 
     def _probed(self, end: float | np.ndarray) -> bool | np.ndarray:
         """Return whether a step is corrected as if nothing were known of the contraction."""
-        return np.rint(end / self._step) % PROBED_EVERY == 0
+        return (np.rint(end / self._step) % PROBED_EVERY == 0) | self._rubs
 
     def _iterate(
         self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int, expected: np.ndarray

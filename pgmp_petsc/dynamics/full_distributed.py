@@ -35,6 +35,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Held, Motion, driven
+from pgmp_petsc.effects.laws import rubs
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -85,6 +86,7 @@ class FullDistributed:
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
+        self.rubs = any(comm.allgather(rubs(self._problem.actions.laws)))
 
     def close(self) -> None:
         """Destroy the PETSc objects."""

@@ -12,6 +12,7 @@ import numpy as np
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
 from pgmp_petsc.dynamics.full_forces import doubt_limited, forget_rates
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
+from pgmp_petsc.effects.laws import rubs
 from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
 
@@ -97,7 +98,7 @@ def _take_steps_of_block(
     about = reference[0].shape[0] > 0
     q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
-    rates = borrowed(problem.actions.about)[block]
+    rates, rubbing = borrowed(problem.actions.about)[block], rubs(problem.actions.laws)
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
         forces, counted = after[3][k, block], after[4][k, block]
@@ -107,7 +108,7 @@ def _take_steps_of_block(
         _copy(width, multipliers, forces)
         _copy(width, turns, counted)
         for lane in range(samples.size):
-            expected[lane] = FIRST_CONTRACTION if probed[k] else contraction[lane]
+            expected[lane] = FIRST_CONTRACTION if probed[k] or rubbing else contraction[lane]
             active[lane] = samples[lane]
         if about:
             _add(width, 1.0, reference[0][k, block], ahead[0])

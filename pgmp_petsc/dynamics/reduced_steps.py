@@ -27,6 +27,7 @@ from pgmp_petsc.dynamics.lane_clocks import GAIN_A, GAIN_V, STEP, allocate_clock
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, places_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.dynamics.status import Outcome
+from pgmp_petsc.effects.laws import rubs
 from pgmp_petsc.runtime.vectors import (
     EVERY_LANE,
     LANES,
@@ -281,6 +282,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
     last, active, lost = spread(np.inf), lanes, 0
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     forget_rates(memory.known, memory.samples[block], lanes)
+    first = spread(FIRST_CONTRACTION) if rubs(equations.local.actions.laws) else load(expected, 0)
     for iteration in range(MAX_ITERATIONS):
         fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
@@ -295,7 +297,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)
-        contraction = load(expected, 0)
+        contraction = first
         if iteration > 0:
             contraction = _bounded(size / larger(last, spread(ALMOST_NONE)))
         if iteration == 1:

@@ -248,8 +248,8 @@ def cause_of(share: float) -> str:
     """Say why a deformation was not found under the loads at time zero, of which a share was reached."""
     reached = f"{100.0 * share:.3g} % of" if share > 0.0 else f"less than 1/{SHARES[-1]} of"
     return (
-        f"Newton's iteration converges with {reached} the loads and springs at time zero, and not with all: they may be "
-        "larger than the bodies carry; take smaller ones, or let simulation.initial begin elsewhere"
+        f"Newton's iteration converges with {reached} the loads and springs at time zero, and not with all: they may "
+        "be larger than the bodies carry; take smaller ones, or let simulation.initial begin elsewhere"
     )
 
 

@@ -75,6 +75,15 @@ def law(kind, p, amplitude, s, rate):
 
 
 @njit(cache=True, error_model="numpy")
+def rubs(laws):
+    """Return whether any of some laws is friction: how a step's iteration contracts says nothing of the next one."""
+    for kind in laws:
+        if kind == FRICTION:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def about_zero(kind, p, rate, about):
     """Return whether an iterate's friction is to be linearised about zero rather than about its own rate.
 

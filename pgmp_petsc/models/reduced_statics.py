@@ -104,8 +104,8 @@ class ReducedStatics:
             last = size
             if not active.any():
                 return -mu, lost
-            # the torque of 1 rad of the flexible coordinates is unknown; what is left on theta is of the right size, and
-            # a part of it bends the bodies by little beside what the loads do
+            # the torque of 1 rad of the flexible coordinates is unknown; what is left on theta is of the right size,
+            # and a part of it bends the bodies by little beside what the loads do
             pull = np.maximum(np.max(np.abs(left), axis=1), np.max(np.abs(mu), axis=1))
             defect = np.concatenate([left, away], axis=1)
             jacobian = np.zeros((self.n_samples, 2 * r, 2 * r))

@@ -59,8 +59,8 @@ from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 
-# From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as it
-# does with vectors as they are
+# From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
+# with vectors as they are
 UNEVEN = 2.0
 POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 
@@ -239,7 +239,7 @@ def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark
     why = "vectors of other parameter values (reduction.parameter_modes) turn quickly where they are small"
     if uneven > UNEVEN:
         return (
-            warning(f"{why}: their size changes by a factor of {uneven:.2g} between angles; take more reduction.angles"),
+            warning(f"{why}: their size changes by {uneven:.2g} times between angles; take more reduction.angles"),
         )
     if len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None:
         (asked,) = np.broadcast_to(scene.reduction.angles, 1)

@@ -66,7 +66,7 @@ class ContinuousBasis:
         compression: Compression,
         nominal: Mapping[str, float] | None,
     ) -> ContinuousBasis:
-        """Express the samples' tables and vectors in the continuous basis, orthonormal at nominal parameters if given."""
+        """Express the samples' tables and vectors in the continuous basis, orthonormal at `nominal` parameters."""
         n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
         combinations, uneven = joined.rotations @ compression.beside(n_kept), 1.0
         if n_parameter and nominal is not None:

@@ -345,7 +345,7 @@ d = [0.55, 0.0]
 [bodies.crank]
 line = { length = 0.2, elements = 4 }
 element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 40.0, line_density = 0.5, rotary_density = 1e-5 }
+section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 40.0, line_density = 0.5, rotary_density=1e-5 }
 [bodies.coupler]
 line = { length = 0.6, elements = 12 }
 element = "beam2d"
@@ -354,7 +354,7 @@ placement = { origin = [0.2, 0.0], angle = 0.84 }
 [bodies.rocker]
 line = { length = 0.45, elements = 8 }
 element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density = 1e-5 }
+section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density=1e-5 }
 placement = { origin = [0.55, 0.0], angle = 1.46 }
 [joints.crank_joint]
 type = "revolute"

@@ -162,8 +162,10 @@ int pgmp_step(struct pgmp_model *m) {
     double q[N], v[N], a[N], strengths[AT_LEAST_ONE(N_STRENGTHS)], left = 0.0;
     int done = 0;
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
-    /* corrected twice, to see how it contracts */
-    if ((m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
+    /* corrected twice, to see how it contracts; with friction always, which contracts otherwise in each step */
+    int probed = (m->number + 1) % PROBED_EVERY == 0;
+    for (int k = 0; k < N_ACTIONS; k++) probed |= actions[k].law == FRICTION;
+    if (probed) m->contraction = FIRST_CONTRACTION;
     for (int attempt = 0; attempt < N_ATTEMPTS && !done; attempt++) {
         predict(m, attempt, q, v, a);
         act(m, end, end, strengths, q, v, a);
