@@ -21,7 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.columns import checked
 from pgmp_petsc.ensemble.pieces import Piece, pieces
 from pgmp_petsc.ensemble.runner import Watching, run_batch
 from pgmp_petsc.ensemble.sampling import draw

@@ -36,12 +36,12 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.tables import Table
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.experiments.reference import Demand, choose_reference, component_model, distance_from_mesh
-from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.experiments.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
@@ -51,7 +51,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
-from benchmarks.tables import Table
 
 # whole tables, so that nothing is left of the scene's own
 SMALL = 'reduction={modes=7, static_modes=true, angles=48, interpolation="spline"}'

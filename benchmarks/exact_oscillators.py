@@ -47,7 +47,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.reduction.second_order import unpacked
+from pgmp_petsc.reduction.cell_products import unpacked
 
 SOFT = 0.02  # of xi: below, series take the place of quotients
 CONVERGED = 1e-12  # change of the coordinates by a correction, in units of the mechanism's size or of 1 rad

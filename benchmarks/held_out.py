@@ -27,7 +27,7 @@ from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Force, Torque
-from pgmp_petsc.scene.time_functions import Harmonic
+from pgmp_petsc.scene.fields import Harmonic
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 
 SHAPE = ((0.0, 0.0), (0.4, 0.7), (0.7, 1.3), (1.0, 0.4))  # of the duration, and of the last value

@@ -21,7 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher

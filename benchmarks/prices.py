@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
-from pgmp_petsc.experiments.price import step_seconds
+from pgmp_petsc.experiments.finished import step_seconds
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.effectivity import FACTOR, Case, compare, refer
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
-from benchmarks.effectivity import FACTOR, Case, compare, refer
 
 HEAD = """[scene]
 name = "random"

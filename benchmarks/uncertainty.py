@@ -28,8 +28,7 @@ from mpi4py import MPI
 from scipy import stats
 
 from benchmarks.tables import Table
-from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.designs import Blocks, Replicates
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from scenes import HEADER
-
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER
 
 CRANK = 0.3
 LOW, HIGH = 0.665, 0.735

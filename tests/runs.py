@@ -10,10 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
-from scenes import HEADER, meshes_of
-import warm_start
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
@@ -25,6 +24,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from scenes import HEADER, meshes_of
 
 MOST_ROMS = 40  # that are kept, of some megabytes each
 _ROMS: dict[tuple[str, Path], ReducedOrderModel] = {}

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from conftest import ROOT
-from scenes import CRANK, RADIUS, ROD
 from solids import rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene
+from scenes import CRANK, RADIUS, ROD
 
 # a rectangle with the area and the second moment of the beams' circle
 HEIGHT, THICKNESS = np.sqrt(3.0) * RADIUS, np.pi * RADIUS / np.sqrt(3.0)

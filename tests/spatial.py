@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 from conftest import ROOT
-from scenes import HEADER
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from scenes import HEADER
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3

@@ -6,7 +6,6 @@ body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of 
 
 from __future__ import annotations
 
-from scenes import HEADER
 from spatial import TURN, bar
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -15,6 +14,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER
 
 WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
 RECTANGLE = f'section = {{ shape = "rectangle", width = {WIDTH}, height = {HEIGHT} }}\norientation = [0.0, 1.0, 0.0]'

@@ -12,21 +12,21 @@ from pgmp_petsc.results import (
     Chance,
     Derivatives,
     Design,
-    Fit,
-    Sensitivity,
     Ensemble,
     EstimatedErrors,
+    Fit,
     Frames,
     MeshErrors,
     ModesTable,
     References,
+    Sensitivity,
     Statistics,
     Times,
     Tradeoff,
     Trajectory,
 )
 from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
-from pgmp_petsc.results.design import DesignConstraint, DesignParameter
+from pgmp_petsc.results.designs import DesignConstraint, DesignParameter
 from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.results.fit import FittedOutput, FittedParameter

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scenes import HEADER
-
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER
 
 UPPER, LOWER = 0.5, 0.4
 FULL_TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"

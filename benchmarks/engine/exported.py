@@ -27,7 +27,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.simulate import simulate_reduced
 
-
 NEVER_MET = {name: -1.0 for name in ("NEWTON_TOLERANCE", "TOLERANCE_OF_TRIALS", "ROUND_OFF")}
 SHARE_OF_MOST = 100  # of the steps, those that are timed with all corrections
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.results import Ensemble, Statistics
 from benchmarks.paper.published import (
     BANDS,
     DENSITIES,
@@ -20,6 +19,7 @@ from benchmarks.paper.published import (
 )
 from benchmarks.paper.results import MODELS, PaperResults
 from benchmarks.tables import Table, number, percent, span, with_error
+from pgmp_petsc.results import Ensemble, Statistics
 
 WORDS = {"crank_angle": "crank angle at 1 s", "slider_deformation": "slider deformation at 1 s"}
 MODEL_WORDS = {"full": "full order", "reduced": "reduced"}

@@ -9,14 +9,14 @@ from time import process_time
 
 from mpi4py import MPI
 
+from benchmarks.paper.results import MODELS, PaperResults
+from benchmarks.tables import Table, number
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.studies.inputs import read_rom, read_scene
-from benchmarks.paper.results import MODELS, PaperResults
-from benchmarks.tables import Table, number
 
 FINE = ('bodies.crank.mesh="../meshes/crank_40.msh"', 'bodies.rod.mesh="../meshes/rod_40.msh"')
 ROMS = {5: "rom.h5", 40: "rom_40_elements.h5"}

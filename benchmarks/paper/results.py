@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.paper.published import NOMINAL, RADII
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.trajectory import Trajectory
-from benchmarks.paper.published import NOMINAL, RADII
 
 MODELS = ("full", "reduced")
 

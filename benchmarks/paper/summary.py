@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.paper.results import PaperResults
+from benchmarks.tables import Table, number
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
-from benchmarks.paper.results import PaperResults
-from benchmarks.tables import Table, number
 
 if TYPE_CHECKING:
     from benchmarks.paper.cost import Cost

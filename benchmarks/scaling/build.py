@@ -24,6 +24,8 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -32,8 +34,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from benchmarks.scaling import case as phases
-from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded

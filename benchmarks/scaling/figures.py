@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     PALETTE,
@@ -25,8 +27,6 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from benchmarks.scaling import case as phases
-from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.runtime.ending import guarded
 from pgmp_petsc.runtime.errors import InputError
 

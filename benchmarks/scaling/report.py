@@ -14,14 +14,14 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pgmp_petsc import __version__
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
+from benchmarks.scaling.fine_beams import TOLERANCE, FineBeams
+from benchmarks.tables import Table, number
+from pgmp_petsc import __version__
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.ending import guarded
 from pgmp_petsc.runtime.errors import InputError
-from benchmarks.scaling.fine_beams import TOLERANCE, FineBeams
-from benchmarks.tables import Table, number
 
 LIMIT = 1.5  # allowed exponent of the cost with the unknowns
 Column = tuple[str, Callable[[ScalingCase], float]]

@@ -16,8 +16,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.check import describe_scene, describe_trial
-from pgmp_petsc.studies.scene_summary import summary_of_scene
+from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
 
 if TYPE_CHECKING:
     from mpi4py import MPI

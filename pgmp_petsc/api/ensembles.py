@@ -19,7 +19,7 @@ from pgmp_petsc.api.requests import Request, Stopping, check_whole
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of
 from pgmp_petsc.api.sources import REDUCED, AnySource, Origin
-from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, Plan, Shard
+from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.runner import run_ensemble

@@ -13,20 +13,20 @@ from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ensembles import montecarlo
 from pgmp_petsc.api.keeping import keeping
-from pgmp_petsc.api.models import build
+from pgmp_petsc.api.modes import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.experiments.price import Price, step_seconds
+from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.experiments.finished import Price, step_seconds
 from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.report.headlines import (
+from pgmp_petsc.report.verdict import (
     headline_of_build,
     headline_of_comparison,
     headline_of_ensemble,
@@ -35,11 +35,10 @@ from pgmp_petsc.report.headlines import (
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.runtime.steps import LABEL, Steps
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.prepared import settled
+from pgmp_petsc.studies.inputs import read_scene, settled
 from pgmp_petsc.studies.simulate import simulate_full
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from pgmp_petsc.api.ranks import RESULT, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed, form_of, is_table
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -21,7 +21,7 @@ from pgmp_petsc.runtime.petsc import petsc_runs, start_mpi, start_petsc
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.runtime.remarks import Remark
+    from pgmp_petsc.runtime.errors import Remark
 
 #: Gets what commands print on the way: what was chosen, and why (level INFO); remarks on results (level WARNING).
 #: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where one is told.

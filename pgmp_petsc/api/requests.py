@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from pgmp_petsc.api.better import Correction, in_order
-from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
+from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop

@@ -13,8 +13,7 @@ from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed, form_of, is_table, named
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError
 
 if TYPE_CHECKING:
     import xarray

@@ -15,8 +15,16 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.inputs import read_rom, read_scene, scene_of_rom, with_meshes
-from pgmp_petsc.studies.prepared import PURPOSES, mesh_model, reduced_model, settled
+from pgmp_petsc.studies.inputs import (
+    PURPOSES,
+    mesh_model,
+    read_rom,
+    read_scene,
+    reduced_model,
+    scene_of_rom,
+    settled,
+    with_meshes,
+)
 
 if TYPE_CHECKING:
     from mpi4py import MPI

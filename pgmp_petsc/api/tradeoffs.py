@@ -12,7 +12,7 @@ from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
 from pgmp_petsc.api.sources import directory_of, scene_and_meshes
-from pgmp_petsc.ensemble.batch import MOST_SAMPLES
+from pgmp_petsc.ensemble.allotment import MOST_SAMPLES
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import agreed

@@ -27,7 +27,6 @@ from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
-
 ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there
 
 

@@ -25,10 +25,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
+from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene.matrices import Stated
+from pgmp_petsc.scene.bodies import Stated
 
 SYMMETRIC = 1e-9  # of the largest entry
 ALIKE = 1e-8  # of the largest entry: masses along two axes

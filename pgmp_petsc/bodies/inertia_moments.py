@@ -11,6 +11,10 @@ Rotations in space are rotation vectors phi. Directors are ``exp(phi) e_k``, and
 section's mass: with ``J_kl`` the inertia of the directors at a node, accelerations ``A e_k`` do on it the work
 
     sum_kl J_kl (A e_l) . (1/2 phi x (phi x e_k)).
+
+Displacement fields that are linear in the place, and the rigid motions among them.
+
+The fields are ordered as in `Component.fields`: the d displacements, then ``u_i = x_j`` at number ``d + d i + j``.
 """
 
 from __future__ import annotations
@@ -24,6 +28,42 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest, natural_mass
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
+
+# the axes (from, to) that each rotation turns into each other, in the order of the rotations
+TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
+
+
+def linear_fields(places: np.ndarray) -> np.ndarray:
+    """Return the linear displacement fields at places.
+
+    Parameters
+    ----------
+    places
+        Shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, d (d + 1))
+    """
+    n, d = places.shape
+    fields = np.zeros((n, d, d + d * d))
+    for i in range(d):
+        fields[:, i, i] = 1.0
+        fields[:, i, d + d * i : d + d * (i + 1)] = places
+    return fields.reshape(n * d, -1)
+
+
+def rigid_motions(centre: np.ndarray) -> np.ndarray:
+    """Return unit displacements and rotations about a centre (d,) as linear fields, shape (d (d + 1), n_rigid)."""
+    d = centre.size
+    fields = np.zeros((d + d * d, d + len(TURNS[d])))
+    fields[:d, :d] = np.eye(d)
+    for column, (i, j) in enumerate(TURNS[d], d):
+        # from axis i to axis j: u_j = x_i - c_i, u_i = -(x_j - c_j)
+        fields[d + d * j + i, column], fields[d + d * i + j, column] = 1.0, -1.0
+        fields[j, column], fields[i, column] = -centre[i], centre[j]
+    return fields
+
 
 CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 Moments = dict[tuple[int, int], sp.csr_matrix]

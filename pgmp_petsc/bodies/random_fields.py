@@ -17,8 +17,7 @@ from pgmp_petsc.bodies.karhunen_loeve import Expansion, expansion
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.random_fields import RandomField
 

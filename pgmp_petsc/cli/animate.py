@@ -7,11 +7,10 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.api.films import FIELDS, LARGEST_SCALE, LONGEST, MOST_PICTURES, RATE
-from pgmp_petsc.api.films import animate as animated
+from pgmp_petsc.api.films import FIELDS, LARGEST_SCALE, LONGEST, MOST_PICTURES, RATE, animate as animated
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import Number, PathName, output_option
-from pgmp_petsc.cli.output_form import quiet
+from pgmp_petsc.cli.report import quiet
 from pgmp_petsc.runtime.errors import InputError
 
 

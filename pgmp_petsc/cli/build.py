@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pgmp_petsc.api.models import build as built
+from pgmp_petsc.api.modes import build as built
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.cli.report import output_form, remark_lines
+from pgmp_petsc.runtime.errors import Remark
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.rom import ReducedOrderModel

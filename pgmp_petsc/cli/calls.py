@@ -1,26 +1,30 @@
 """How a command calls the Python interface: what it asks for by its arguments, and what the interface says on the way.
 
 A command's texts go on as they are. Its result is with the first rank alone, which prints it.
+
+What a command is given besides its options: the ranks, and the options for PETSc.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pgmp_petsc.api.ranks import ABOUT, LOGGER, REMARK, RESULT, SCENE, WAY, petsc_is_seen_to
-from pgmp_petsc.cli.output_form import say_figures
-from pgmp_petsc.cli.report import say, say_warning
+from pgmp_petsc.cli.report import say, say_figures, say_warning
 from pgmp_petsc.runtime.claims import is_table
-from pgmp_petsc.runtime.petsc import petsc_runs
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.runtime.petsc import petsc_runs, start_petsc
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from pgmp_petsc.api.result import Result
 
 
@@ -100,3 +104,36 @@ class Call(logging.Handler):
             LOGGER.removeHandler(self)
             LOGGER.setLevel(before[0])
             LOGGER.propagate = before[1]
+
+
+@dataclass
+class Session:
+    """One call of ``pgmp``; click's context object (``context.obj``).
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+        All ranks of the run.
+    petsc_options : sequence of str
+        What stood after ``--`` on the command line.
+    quiet : bool
+        Whether `cli.report.say` prints nothing.
+    json : bool
+        Whether the command prints its figures as JSON, and nothing else.
+
+    Attributes
+    ----------
+    petsc_started : bool
+        Whether PETSc was started for the command.
+    """
+
+    comm: MPI.Comm
+    petsc_options: Sequence[str] = ()
+    quiet: bool = False
+    json: bool = False
+    petsc_started: bool = field(default=False, init=False)
+
+    def start_petsc(self) -> None:
+        """Start PETSc with the user's options; anything that imports PETSc is imported after this."""
+        start_petsc(self.petsc_options)
+        self.petsc_started = True

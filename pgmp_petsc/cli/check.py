@@ -9,8 +9,7 @@ import click
 from pgmp_petsc.api.checks import check as checked
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, scene_options
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import output_form, say, say_figures
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError, counted
 

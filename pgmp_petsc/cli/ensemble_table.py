@@ -10,11 +10,13 @@ import numpy as np
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.numbers import axis_unit
-from pgmp_petsc.results.numbers import interval_text as _interval
-from pgmp_petsc.results.numbers import number_text as _number
-from pgmp_petsc.results.numbers import percent as _percent
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.results.numbers import (
+    axis_unit,
+    interval_text as _interval,
+    number_text as _number,
+    percent as _percent,
+)
+from pgmp_petsc.runtime.errors import Remark
 
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.api.tables import export_result
+from pgmp_petsc.api.exports import export_result
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
-from pgmp_petsc.cli.output_form import quiet
+from pgmp_petsc.cli.report import quiet
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.errors import InputError

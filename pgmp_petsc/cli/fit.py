@@ -11,12 +11,10 @@ from pgmp_petsc.api.designs import fit as fitted
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import fit_lines
 from pgmp_petsc.cli.options import PathName, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.report import output_form, remark_lines
 from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
 from pgmp_petsc.results.fit import Fit
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError
 
 
 @click.command()

@@ -9,10 +9,10 @@ import numpy as np
 
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
-from pgmp_petsc.results.design import Design
+from pgmp_petsc.results.designs import Design
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.numbers import interval_text, percent, share_text
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
 
 NOTHING = 1e-9  # share of what a constraint had at the start
 

@@ -10,8 +10,7 @@ import click
 
 from pgmp_petsc.api.contents import Contents, contents
 from pgmp_petsc.cli.options import PathName
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import output_form, say, say_figures
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import KINDS, shapes_of
 

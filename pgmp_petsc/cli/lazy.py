@@ -15,7 +15,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from pgmp_petsc.cli.session import Session
+from pgmp_petsc.cli.calls import Session
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.runtime.surroundings import check_variables
 

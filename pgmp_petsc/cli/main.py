@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from pgmp_petsc import __version__
+from pgmp_petsc.cli.calls import Session
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
-from pgmp_petsc.cli.session import Session
-from pgmp_petsc.runtime.ending import release_petsc
+from pgmp_petsc.runtime.ending import LastingOutput, descriptor_of, release_petsc
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
-from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
 from pgmp_petsc.runtime.progress import beating
 from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
@@ -203,8 +202,8 @@ def _close(closing: MPI.Comm, status: int, message: str | None) -> int:
         if message is not None:
             print(f"pgmp: error: {message}", file=sys.stderr, flush=True)
         return status
-    from mpi4py import MPI
     import numpy as np
+    from mpi4py import MPI
 
     mine = np.array([status, -closing.rank if message is not None else -closing.size])
     highest = np.empty_like(mine)

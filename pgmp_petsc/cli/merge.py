@@ -10,7 +10,7 @@ from pgmp_petsc.api.ensembles import merge as merged
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.options import files_argument, output_option
-from pgmp_petsc.cli.output_form import output_form
+from pgmp_petsc.cli.report import output_form
 
 
 @click.command()

@@ -11,10 +11,9 @@ import numpy as np
 from pgmp_petsc.api.modes import frequencies
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, Whole, output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.report import output_form, remark_lines
 from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
 
 SHOWN = 6
 NOTHING = 1e-6  # of a mode's highest frequency

@@ -10,23 +10,17 @@ import click
 import numpy as np
 
 from pgmp_petsc.api.better import Correction
-from pgmp_petsc.api.ensembles import montecarlo as integrated
-from pgmp_petsc.api.ensembles import rare_event, retry_failed
+from pgmp_petsc.api.ensembles import montecarlo as integrated, rare_event, retry_failed
 from pgmp_petsc.api.requests import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Shard, Stopping
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.ensemble_table import report
-from pgmp_petsc.cli.models import model_of, model_options, one_model
-from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.rare import alone
-from pgmp_petsc.cli.rare import report as report_rare
+from pgmp_petsc.cli.options import PathName, Whole, model_of, model_options, one_model, output_option, scene_options
+from pgmp_petsc.cli.rare import alone, report as report_rare
+from pgmp_petsc.cli.report import output_form
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.shard import KIND as SHARD
-from pgmp_petsc.results.shard import ShardSamples
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.results.rare_event import KIND as RARE_EVENT, RareEvent
+from pgmp_petsc.results.shard import KIND as SHARD, ShardSamples
+from pgmp_petsc.runtime.errors import InputError, Remark
 
 
 @click.command()

@@ -7,17 +7,14 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.api.designs import Robust
-from pgmp_petsc.api.designs import optimize as designed
+from pgmp_petsc.api.designs import Robust, optimize as designed
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import design_lines
 from pgmp_petsc.cli.options import Number, PathName, Whole, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.report import output_form, remark_lines
 from pgmp_petsc.cli.sensitivities import check_plot, draw, file_option, parameter_option, plot_option
-from pgmp_petsc.results.design import Design
-from pgmp_petsc.runtime.errors import InputError, RunError, counted
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.results.designs import Design
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError, counted
 
 
 @click.command()

@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import PathName, files_argument
-from pgmp_petsc.cli.output_form import quiet
-from pgmp_petsc.cli.report import say_of_files
+from pgmp_petsc.cli.report import quiet, say_of_files
 
 
 @click.command()

@@ -8,8 +8,7 @@ import click
 
 from pgmp_petsc.api.films import LARGEST_SCALE
 from pgmp_petsc.cli.options import Number, PathName, files_argument
-from pgmp_petsc.cli.output_form import quiet
-from pgmp_petsc.cli.report import say_of_files
+from pgmp_petsc.cli.report import quiet, say_of_files
 
 
 @click.command()

@@ -14,7 +14,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pgmp_petsc.results.rare_event import RareEvent
-    from pgmp_petsc.runtime.remarks import Remark
+    from pgmp_petsc.runtime.errors import Remark
 
 SHOWN = 12  # parameters of a design point
 WHY_ALONE = {

@@ -7,11 +7,10 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.api.ensembles import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.api.jobs import PAGE
-from pgmp_petsc.api.jobs import run as whole_run
+from pgmp_petsc.api.jobs import PAGE, run as whole_run
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, Whole, scene_options
-from pgmp_petsc.cli.output_form import quiet
+from pgmp_petsc.cli.report import quiet
 from pgmp_petsc.runtime.errors import RunError
 
 

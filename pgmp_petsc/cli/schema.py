@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import PathName
-from pgmp_petsc.cli.output_form import quiet
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import quiet, say
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 

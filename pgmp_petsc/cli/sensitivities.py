@@ -12,8 +12,7 @@ from pgmp_petsc.api.runs import sensitivities as differentiated
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.gradient_tables import report
 from pgmp_petsc.cli.options import Command, PathName, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import output_form, say
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_folder
 

@@ -11,13 +11,11 @@ from pgmp_petsc.api.result import StoppedRun
 from pgmp_petsc.api.runs import simulate as simulated
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.models import model_of, model_options, one_model
-from pgmp_petsc.cli.options import PathName, output_option, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.options import PathName, model_of, model_options, one_model, output_option, scene_options
+from pgmp_petsc.cli.report import output_form, remark_lines
 from pgmp_petsc.results.numbers import axis_unit
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
 
 
 @click.command()

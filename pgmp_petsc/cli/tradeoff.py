@@ -10,11 +10,10 @@ import click
 from pgmp_petsc.api.tradeoffs import tradeoff as measured
 from pgmp_petsc.cli.calls import Call
 from pgmp_petsc.cli.options import PathName, Whole, output_option, scene_options
-from pgmp_petsc.cli.output_form import output_form
-from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.cli.report import output_form, remark_lines
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.errors import Remark
 
 
 @click.command()

@@ -19,8 +19,8 @@ from pgmp_petsc import __version__
 from pgmp_petsc.code.constants import Constants
 from pgmp_petsc.code.description import build_description, description
 from pgmp_petsc.code.source import COMPILED, HEAD, read_common, sources_of
-from pgmp_petsc.runtime.children import TIME_IS_OVER, run_child
 from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.ending import TIME_IS_OVER, run_child
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import replacing
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joint_turns import JointTurns
+from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance

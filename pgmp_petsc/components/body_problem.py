@@ -3,26 +3,58 @@
 Everything comes from one factor of ``K - sigma M`` with a negative shift of the order of the first elastic eigenvalue,
 so that it is positive definite although K has the body's rigid motion in its null space. A second factor counts the
 eigenvalues below a gap; it is not kept.
+
+Displacement fields that are polynomials of the place: first guesses of modes.
+
+A body's affine matrices in PETSc: ``A = sum_i w_i A_i`` with weights w_i that parameter values give.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial.legendre import legval
 from scipy.linalg import eigh
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.components.block_lanczos import BlockLanczos
-from pgmp_petsc.components.displacement_fields import polynomial_fields
-from pgmp_petsc.components.petsc_terms import Terms, matrix_sum
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.matrices import times
+from pgmp_petsc.runtime.matrices import aij_matrix, times
 from pgmp_petsc.runtime.memory import give_back
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+    from petsc4py import PETSc
+
+
+Terms = Mapping[Monomial, "PETSc.Mat"]
+
+
+def petsc_terms(rows: dict[Monomial, sp.csr_matrix], comm: MPI.Comm) -> dict[Monomial, PETSc.Mat]:
+    """Return distributed matrices of this rank's rows by weight, and empty `rows`: large ones are held once only."""
+    terms = {}
+    for weight in list(rows):
+        local = rows.pop(weight)
+        terms[weight] = aij_matrix(local, comm, local.shape[0])
+    return terms
+
+
+def matrix_sum(terms: Terms, values: Mapping[str, float]) -> tuple[PETSc.Mat, bool]:
+    """Return the sum at parameter values, and whether it is a new matrix: a single term of weight 1 is its own sum."""
+    (first, matrix), *others = ((float(weight.evaluate(values)), matrix) for weight, matrix in terms.items())
+    if not others and first == 1.0:
+        return matrix, False
+    total = matrix.duplicate(copy=True)
+    total.scale(first)
+    for weight, other in others:
+        total.axpy(weight, other, structure=other.Structure.SAME_NONZERO_PATTERN)
+    return total, True
+
 
 PREFIX = "pgmp_body_"
 ZERO = 1e-4  # of the shift, which is of the order of the first elastic eigenvalue: what counts as none
@@ -151,3 +183,34 @@ class BodyProblem:
             if own:
                 matrix.destroy()
         give_back()
+
+
+DEGREE = 3
+
+
+def polynomial_fields(places: np.ndarray, comm: MPI.Comm, degree: int = DEGREE) -> np.ndarray:
+    """Return polynomials up to a degree in every direction, as products of Legendre's over the body's box.
+
+    Collective on `comm`, whose ranks have different places.
+
+    Parameters
+    ----------
+    places
+        This rank's nodes, shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, n_fields)
+    """
+    from mpi4py import MPI
+
+    n, d = places.shape
+    lowest, highest = places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, highest, MPI.MAX)
+    scaled = (2.0 * places - lowest - highest) / (highest - lowest)
+    along = [[legval(x, np.eye(degree + 1)[k]) for k in range(degree + 1)] for x in scaled.T]
+    powers = [power for power in product(range(degree + 1), repeat=d) if sum(power) <= degree]
+    scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
+    fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
+    return fields.reshape(n * d, -1)

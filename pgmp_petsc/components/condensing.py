@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Protocol
 
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import Component, rigid_component
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
-from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.floating_component import in_floating_frame

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
-from pgmp_petsc.bodies.linear_fields import rigid_motions
+from pgmp_petsc.bodies.inertia_moments import rigid_motions
 from pgmp_petsc.components.component_modes import weighted_sum_dense
 
 

@@ -20,22 +20,20 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
+from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import check_slender, serving_points
-from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.components.floating_component import foreshortened, free_modes, in_floating_frame
-from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
-from pgmp_petsc.components.large_deformation import with_second_order
+from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.points import points_used
-from pgmp_petsc.scene.stress_checks import stressed_bodies
+from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.vectors import (
     N_POWERS,
     absolute,
@@ -22,7 +22,6 @@ from pgmp_petsc.runtime.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.runtime.compiled import njit
 
 FURTHEST = 1e9  # rad
 

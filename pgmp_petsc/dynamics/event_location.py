@@ -16,7 +16,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.runtime.log_events import log_event
+from pgmp_petsc.runtime.petsc import log_event
 
 MAX_EVENTS = 20  # in one step of one sample; beyond, the step is taken as it is
 TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own error

@@ -23,7 +23,6 @@ import numpy as np
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 
-
 LENGTHS = (0.5, 1.0)  # of a run's step
 
 

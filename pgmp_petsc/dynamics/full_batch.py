@@ -19,15 +19,15 @@ from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_steps import take_steps
 from pgmp_petsc.dynamics.part_reference import Reference
-from pgmp_petsc.runtime.lane_items import aligned
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.runtime.vectors import aligned_zeros
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.lane_items import aligned
+from pgmp_petsc.runtime.vectors import aligned_zeros
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
 # taken again

@@ -10,17 +10,16 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.full_beams import add_energies_of_beams, add_energies_of_masses
+from pgmp_petsc.dynamics.full_damping import add_modal_damping
+from pgmp_petsc.dynamics.full_elements import add_energies, add_energies_of_beams, add_energies_of_masses
 from pgmp_petsc.dynamics.full_floating import add_energies_of_floating
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import of_element
-from pgmp_petsc.dynamics.full_modal import add_modal_damping
 from pgmp_petsc.dynamics.full_parts import section_owners
 from pgmp_petsc.dynamics.full_problem import FullEquations
-from pgmp_petsc.dynamics.full_solids import add_energies
-from pgmp_petsc.runtime.lane_items import items, sine_cosine
 from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import items, sine_cosine
 
 if TYPE_CHECKING:
     from mpi4py import MPI

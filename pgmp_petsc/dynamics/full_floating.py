@@ -21,10 +21,10 @@ of them, and are compiled to nothing: what follows costs a new machine nothing t
 
 from __future__ import annotations
 
-from pgmp_petsc.dynamics.floating_layout import n_pose_of, n_words, places_of, view_of
 from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.runtime.lane_items import empty_lanes, items, keep, sine_cosine
+from pgmp_petsc.dynamics.layout import n_pose_of, n_words, places_of, view_of
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import empty_lanes, items, keep, sine_cosine
 
 
 @njit(error_model="numpy")

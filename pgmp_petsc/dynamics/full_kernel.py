@@ -28,13 +28,16 @@ from pgmp_petsc.bodies.beam2d import (
     viscous_stresses,
 )
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
-from pgmp_petsc.dynamics.full_beams import Beams, Masses, add_beams, add_masses
-from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
-from pgmp_petsc.dynamics.floating_layout import FloatingBodies
+from pgmp_petsc.dynamics.full_damping import ModalFactors, add_modal_damping
+from pgmp_petsc.dynamics.full_elements import Beams, Masses, Solids, add_beams, add_masses, add_solids
 from pgmp_petsc.dynamics.full_floating import add_floating
-from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
-from pgmp_petsc.dynamics.full_solids import Solids, add_solids
+from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
+from pgmp_petsc.dynamics.layout import FloatingBodies
+from pgmp_petsc.dynamics.node_constraints import NodeConstraints, add_constraints
 from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.mechanism.node_statements import scratch_of, state as statement
+from pgmp_petsc.mechanism.statement_rows import Rows
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import (
     absolute,
     beyond,
@@ -47,11 +50,6 @@ from pgmp_petsc.runtime.lane_items import (
     select,
     sine_cosine,
 )
-from pgmp_petsc.dynamics.node_constraints import NodeConstraints, add_constraints
-from pgmp_petsc.mechanism.node_statements import scratch_of
-from pgmp_petsc.mechanism.node_statements import state as statement
-from pgmp_petsc.mechanism.statement_rows import Rows
-from pgmp_petsc.runtime.compiled import njit
 
 
 class Elements(NamedTuple):

@@ -18,14 +18,12 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.bodies.solid import Region, Solid
-from pgmp_petsc.dynamics.body_damping import BodyDampings
-from pgmp_petsc.dynamics.floating_layout import FloatingBodies, body_tables, n_pose_of, places_of
-from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
+from pgmp_petsc.dynamics.full_damping import BodyDampings
+from pgmp_petsc.dynamics.full_elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
 from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
-from pgmp_petsc.dynamics.full_solids import Solids
-from pgmp_petsc.dynamics.layout import Layout
+from pgmp_petsc.dynamics.layout import FloatingBodies, Layout, body_tables, n_pose_of, places_of
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.effects.gravity import Gravity
+from pgmp_petsc.effects.loads import Gravity
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 from pgmp_petsc.mesh.reference_element import reference_element
 

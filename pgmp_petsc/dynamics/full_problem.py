@@ -14,34 +14,33 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import MassesOnDemand
 from pgmp_petsc.dynamics.batched_ldl import analyse
-from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.full_damping import BodyDampings, ModalFactors
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads
 from pgmp_petsc.dynamics.full_kernel import FullProblem, Pattern, Strengths
-from pgmp_petsc.dynamics.full_modal import ModalFactors
 from pgmp_petsc.dynamics.full_parts import (
     Share,
     contiguous,
     floating_bodies,
     placed,
-    section_owners,
     planar_beams,
     planar_masses,
+    section_owners,
     sections,
     solids,
     spatial_beams,
     spatial_masses,
 )
-from pgmp_petsc.runtime.lane_items import width_of
 from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
-from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions
+from pgmp_petsc.effects.loads import Gravity
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.runtime.lane_items import width_of
 
 MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl`
 

@@ -13,8 +13,8 @@ from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, RE
 from pgmp_petsc.dynamics.full_forces import doubt_limited, forget_rates
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
 from pgmp_petsc.effects.laws import rubs
-from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -18,7 +18,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.full_damping import BodyDampings
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -9,8 +9,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.interpolation import Interpolant
-from pgmp_petsc.reduction.second_order import unpacked
 from pgmp_petsc.runtime.compiled import njit
 
 SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off

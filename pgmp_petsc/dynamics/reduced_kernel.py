@@ -16,6 +16,7 @@ from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
     EVERY_LANE,
@@ -35,7 +36,6 @@ from pgmp_petsc.runtime.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.runtime.compiled import njit
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)

@@ -1,4 +1,7 @@
-"""The reduced model as a second-order system for the integrator; a batch of samples with their own parameters."""
+"""The reduced model as a second-order system for the integrator; a batch of samples with their own parameters.
+
+What acts on reduced models over time: amplitudes of loads and of local effects, and prescribed motions.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,14 @@ from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduc
 from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
-from pgmp_petsc.dynamics.reduced_strengths import ReducedStrengths
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
-from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -402,3 +405,48 @@ class ReducedSystem:
 def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions, velocities and accelerations."""
     return state.q, state.v, state.a
+
+
+class ReducedStrengths:
+    """What acts on all samples of a batch alike.
+
+    Parameters
+    ----------
+    load_effects
+        Effects with loads, in the order of the tables.
+    actions
+        Local effects.
+    motions
+        Of the prescribed coordinates, by their numbers.
+    n_coordinates
+        Number of rigid coordinates.
+    """
+
+    def __init__(
+        self,
+        load_effects: Sequence[Effect],
+        actions: Sequence[Action],
+        motions: Mapping[int, Motion],
+        n_coordinates: int,
+    ) -> None:
+        self._load_effects, self._actions, self._motions = load_effects, actions, motions
+        self._n_motions = 3 * n_coordinates if motions else 0
+
+    def at(self, time: float) -> Strengths:
+        """Return what acts on every lane at an instant (s)."""
+        return Strengths(*(same_in_all_lanes(part[0]) for part in self.over(np.array([time]))))
+
+    def over(self, times: np.ndarray) -> Strengths:
+        """Return what acts at several instants (n_t,), s, one a row."""
+        loads = np.empty((times.size, len(self._load_effects)))
+        for column, effect in zip(loads.T, self._load_effects):
+            column[:] = effect.amplitude(times)
+        motions = np.zeros((times.size, self._n_motions))
+        for k, motion in self._motions.items():
+            motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
+        return Strengths(loads, amplitudes_over(self._actions, times), motions)
+
+    def prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Put the prescribed coordinates of some samples (a mask) where they are at a time (s)."""
+        for k, motion in self._motions.items():
+            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)

@@ -15,13 +15,13 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_arrays import Layout, Tables
-from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
+from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 
 # rad; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its largest value in all scenes of
 # one coordinate. Of two, 12 cells a turn are as good as the spline is: 5e-7 in five_bar.

@@ -8,19 +8,14 @@ import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.bushing import bushing
+from pgmp_petsc.effects.damping import StructuralDamping
 from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.end_stop import end_stop
-from pgmp_petsc.effects.force import force
-from pgmp_petsc.effects.gravity import Gravity
-from pgmp_petsc.effects.joint_damping import joint_damping
-from pgmp_petsc.effects.joint_friction import joint_friction
+from pgmp_petsc.effects.joint_effects import end_stop, joint_damping, joint_friction
 from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.loads import Gravity, HoldingTorque, Torque, force
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
-from pgmp_petsc.effects.spring_damper import spring_damper
-from pgmp_petsc.effects.structural_damping import StructuralDamping
-from pgmp_petsc.effects.torque import HoldingTorque, Torque
+from pgmp_petsc.effects.springs import bushing, spring_damper
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.schema import Scene
 

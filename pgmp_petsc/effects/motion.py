@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.effects.amplitude import harmonic
-from pgmp_petsc.effects.time_function import Piece, TimeFunction
+from pgmp_petsc.effects.time_function import Piece, TimeFunction, harmonic
 from pgmp_petsc.scene.effects import PrescribedMotion
-from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
+from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable
 
 
 class Instant(NamedTuple):

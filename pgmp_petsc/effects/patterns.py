@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.mechanism.body_gradients import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.numerics import Reduction
 

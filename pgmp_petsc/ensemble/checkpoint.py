@@ -11,14 +11,12 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.runtime.seal import BrokenSeal
+from pgmp_petsc.runtime.errors import Remark, RunError
+from pgmp_petsc.runtime.seal import BrokenSeal, identity
 
 FORMAT = 6
 # of a batch: arrays by name

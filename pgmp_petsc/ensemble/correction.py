@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals, joined
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.quantities import came_true, quantities, quantity
 from pgmp_petsc.ensemble.statistics import is_constant, parts_of_tails
@@ -17,7 +17,7 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.results.corrected import Corrected, Figure, Joined
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.ensemble import Event
 
@@ -97,7 +97,6 @@ class Levels:
             usable[: values.size] &= np.isfinite(values) if values.dtype.kind == "f" else True
         replicates = None if self._replicates is None else self._replicates[usable]
         return [values[usable[: values.size]] for values in each], replicates
-
 
     def events(self, label: str, event: Event) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Return in which samples of every model an event came true, and of which it is known, bool."""

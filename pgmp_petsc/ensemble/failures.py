@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 
 SIGNIFICANT = 0.01  # for all parameters and sides together
 NAMED = 3  # parameters, the clearest first

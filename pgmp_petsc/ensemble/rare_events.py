@@ -25,10 +25,23 @@ variances add. They count as the square roots of their numbers (Owen and Zhou, a
 estimate of how much the later ones are better. The interval is that of the central limit theorem. What it rests on is
 that no part of the event is far from all points: in many variables a part that no level has seen has no part in the
 interval either.
+
+Where rays enter an event: points of its parts that some level of subset simulation has seen and a later one lost.
+
+Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
+known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
+through the means of the clusters of all levels enter the event near the design points of its parts, which importance
+sampling of events with several parts takes for centres (Au, Papadimitriou and Beck, Structural Safety 21 (1999)
+113-133).
+
+A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
+the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
+bisection finds one of its beginnings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,9 +49,18 @@ from scipy.special import ndtr
 
 from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, design_points
 from pgmp_petsc.ensemble.designs import OF_RARE, stream
-from pgmp_petsc.ensemble.importance import OUTSIDE, chosen_density, levelled, lie_apart, log_normal, outside_of
+from pgmp_petsc.ensemble.importance import (
+    CLUSTERS,
+    FEWEST,
+    OUTSIDE,
+    chosen_density,
+    cluster_means,
+    levelled,
+    lie_apart,
+    log_normal,
+    outside_of,
+)
 from pgmp_petsc.ensemble.intervals import freedom_of, of_probability
-from pgmp_petsc.ensemble.rays import apart, directions_of, entrances, most_rays, unlike
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
@@ -59,6 +81,7 @@ ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no 
 WEAK = 8.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -414,9 +437,7 @@ class _Chains:
             return None
         return self.go_on(seeds[inside], g[inside], 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
 
-    def from_afar(
-        self, level: float, to_be_left: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
+    def from_afar(self, level: float, to_be_left: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
         """Return normal points with g below a level, shape (m, d), their g, the numbers of those they stem from, and
         the probability of that.
 
@@ -467,7 +488,12 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self, points: np.ndarray, g: np.ndarray, families: np.ndarray, entrances: np.ndarray, level: float,
+        self,
+        points: np.ndarray,
+        g: np.ndarray,
+        families: np.ndarray,
+        entrances: np.ndarray,
+        level: float,
         design: DesignPoints | None,
     ) -> list[np.ndarray]:
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
@@ -529,3 +555,70 @@ def _next_deviation(deviation: float, points: np.ndarray) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if is_enough(middle) else (low, middle)
     return high**-0.5
+
+
+ALIKE = 0.8  # cosine of the angle between rays to the same part
+MOST = 16
+STEPS = 6  # evaluations of g on a ray: of 5.6 deviations a sixth of one is left
+PART_OF_SAMPLES = 8  # rays take one of so many samples that are left, at most
+RARER = 1e-3  # probability of a part over that of the event
+
+
+def directions_of(
+    points: np.ndarray, families: np.ndarray, values: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
+    """Return unit vectors to the means of clusters of a level's points (m, d), shape (n_clusters, d) at most.
+
+    `families` and `values`, each (m,), are as in :func:`~pgmp_petsc.ensemble.importance.chosen_density`.
+    """
+    n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
+    means, _ = cluster_means(points, np.ones(len(points)), families, values, n_clusters, random)
+    norms = np.sqrt(np.sum(means**2, axis=1))
+    return means[norms > 0.0] / norms[norms > 0.0, None]
+
+
+def unlike(directions: np.ndarray) -> list[int]:
+    """Return the numbers of the directions (n, d) that are far from those before them."""
+    kept: list[int] = []
+    for number, direction in enumerate(directions):
+        if all(direction @ directions[one] < ALIKE for one in kept):
+            kept.append(number)
+    return kept
+
+
+def most_rays(n_left: int) -> int:
+    """Return how many rays samples that are left can follow."""
+    return min(MOST, n_left // (PART_OF_SAMPLES * STEPS))
+
+
+def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the points (n, d) that are in none of the directions of others (m, d)."""
+    units = [one / np.sqrt(np.sum(one**2, axis=1, keepdims=True)) for one in (points, others)]
+    return points[np.all(np.einsum("nd,md->nm", *units) < ALIKE, axis=1)]
+
+
+def entrances(
+    limit_state: Callable[[np.ndarray], np.ndarray], directions: np.ndarray, probability: float
+) -> np.ndarray:
+    """Return points in the event near where rays enter it, shape (n_entrances, d); of rays that do not, none.
+
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); all rays are followed at once.
+    directions
+        Unit vectors, shape (n, d).
+    probability
+        Of the event, as nearly as it is known.
+    """
+    from scipy.special import ndtri
+
+    far = -float(ndtri(RARER * probability))
+    if len(directions):
+        directions = directions[limit_state(far * directions) <= 0.0]
+    before, within = np.zeros((len(directions), 1)), np.full((len(directions), 1), far)
+    for _ in range(STEPS - 1 if len(directions) else 0):
+        middle = 0.5 * (before + within)
+        inside = limit_state(middle * directions)[:, None] <= 0.0
+        before, within = np.where(inside, before, middle), np.where(inside, middle, within)
+    return within * directions

@@ -29,10 +29,9 @@ from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.numbers import with_unit
 from pgmp_petsc.results.rare_event import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, shortened
+from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml

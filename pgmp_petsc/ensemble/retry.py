@@ -14,15 +14,14 @@ import numpy as np
 
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, RETRIED
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.batch import Batch, Plan, SampleFile
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.allotment import Batch, Plan, SampleFile
+from pgmp_petsc.ensemble.columns import checked
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.runtime.errors import InputError, Remark, note
 from pgmp_petsc.scene import Scene, scene_from_toml
 
 OPTION = "--retry-failed"

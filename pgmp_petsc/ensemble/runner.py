@@ -20,14 +20,12 @@ from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.checked_samples import checked, share_of
-from pgmp_petsc.ensemble.description import describe_ensemble
-from pgmp_petsc.ensemble.origin import Origin
+from pgmp_petsc.ensemble.columns import checked, share_of
+from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
-from pgmp_petsc.ensemble.range_watch import RangeWatch
 from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
@@ -37,6 +35,7 @@ from pgmp_petsc.ensemble.watchers import (
     CoarserWatcher,
     ErrorWatcher,
     Found,
+    RangeWatch,
     ValidityWatcher,
     Watcher,
 )

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.designs import Blocks, Design, Independent, LatinHypercube, Replicates
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.correlation import correlation_matrix
+from pgmp_petsc.scene.parameters import correlation_matrix
 from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.scene.uses import stop_ends
@@ -168,9 +167,7 @@ def mixing_of(scene: Scene, names: Sequence[str]) -> Mixing | None:
     return Mixing(np.linalg.cholesky(matrix), joined, freedom)
 
 
-def values_of(
-    scene: Scene, names: Sequence[str], uniform: np.ndarray, mixing: Mixing | None
-) -> dict[str, np.ndarray]:
+def values_of(scene: Scene, names: Sequence[str], uniform: np.ndarray, mixing: Mixing | None) -> dict[str, np.ndarray]:
     """Return the values of all parameters, each (n,), that uniform numbers (n, d) of some, not correlated yet, mean;
     others have the value of the run."""
     values = {name: np.full(len(uniform), value) for name, value in scene.values.items()}

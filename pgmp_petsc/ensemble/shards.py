@@ -12,17 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.ensemble.batch import Plan, SampleFile
+from pgmp_petsc.ensemble.allotment import Plan, SampleFile
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.columns import Columns
-from pgmp_petsc.ensemble.description import describe_ensemble
-from pgmp_petsc.ensemble.origin import Origin
+from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import Place, ShardSamples
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, Remark
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 

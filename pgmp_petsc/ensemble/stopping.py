@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.description import Kept
 from pgmp_petsc.ensemble.looks import level_of_each, looks
-from pgmp_petsc.ensemble.origin import Kept
 from pgmp_petsc.ensemble.quantities import came_true, quantity
 from pgmp_petsc.ensemble.rules import MOMENTS, Rule
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import describe, of_event
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.stopping import Stopping, reach_of
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:

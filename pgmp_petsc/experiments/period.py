@@ -17,7 +17,7 @@ from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.linear_fields import rigid_motions
+from pgmp_petsc.bodies.inertia_moments import rigid_motions
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.experiments.history import AnyModel
 from pgmp_petsc.mechanism.constraints import constraint_jacobian

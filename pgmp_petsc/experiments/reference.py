@@ -4,31 +4,88 @@ The mesh is the truth of a scene. Where its runs take longer than ``reference.bu
 its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
 points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
 (`price`): the choice is the same for any number of ranks.
+
+What experiments are about: a scene, its bodies as they come and condensed, and their rigid kinematics, made once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.experiments.finished import Price, duration_text, step_seconds
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
-from pgmp_petsc.experiments.price import Price, duration_text, step_seconds
-from pgmp_petsc.mechanism.capabilities import why_no_full_model
+from pgmp_petsc.experiments.period import first_period
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene and its bodies.
+
+    Attributes
+    ----------
+    scene
+        As the user gave it.
+    meshes
+        The mesh of every body.
+    shapes
+        The same, bodies of continuum cells condensed.
+    kinematics
+        Of the mechanism of `shapes`.
+    n_modes
+        Modes that bodies are condensed for.
+    """
+
+    scene: Scene
+    meshes: Mapping[str, BodyShape]
+    shapes: Mapping[str, BodyShape]
+    kinematics: RigidKinematics
+    n_modes: int
+
+    @classmethod
+    def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
+        """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
+        serving = scene.model_copy(
+            update={"reduction": scene.reduction.model_copy(update={"modes": n_modes, "tolerance": None})}
+        )
+        shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
+        with agreed(group.world, "rigid kinematics"):
+            kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
+        return cls(scene, meshes, shapes, kinematics, n_modes)
+
+    def first_period(self, group: RankGroup) -> float:
+        """Return the period of the first flexible mode at the start (s). Collective on ``group.world``."""
+        with angle_group(self.shapes, group) as angles:
+            return first_period(self.scene, self.kinematics, angles.world, angles.comm)
+
+
+def takes_second_order(scene: Scene) -> bool:
+    """Return whether a reduced model of the scene may have terms of second order."""
+    asked = scene.reduction.model_copy(update={"second_order": True, "tolerance": None})
+    try:
+        check_capabilities(scene.model_copy(update={"reduction": asked}), Purpose.BUILD)
+    except InputError:
+        return False
+    return True
+
 
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance

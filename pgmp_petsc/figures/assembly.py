@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from pgmp_petsc.figures.shapes import Shapes
 from pgmp_petsc.figures.style import PALETTE, QUIET, axis_label, axis_unit, new_figure, styled, top_legend
-from pgmp_petsc.results.assembly import Assembly
+from pgmp_petsc.results.effect_sizes import Assembly
 
 WIDTH = 9.0
 # Names within this share of the mechanism's size are of one place.

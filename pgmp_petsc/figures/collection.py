@@ -12,26 +12,16 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from pgmp_petsc.figures.bands import bands
-from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
-from pgmp_petsc.figures.densities import densities
-from pgmp_petsc.figures.densities import labels_of as densities_labels
-from pgmp_petsc.figures.design import design
+from pgmp_petsc.figures.densities import densities, labels_of as densities_labels
+from pgmp_petsc.figures.designs import design, fit, sensitivities
 from pgmp_petsc.figures.differences import mechanism_key, tell_apart
-from pgmp_petsc.figures.energies import energies
-from pgmp_petsc.figures.fit import fit
-from pgmp_petsc.figures.frequencies import frequencies
-from pgmp_petsc.figures.frequencies import labels_of as tables_labels
-from pgmp_petsc.figures.joined import joined
+from pgmp_petsc.figures.ensembles import bands, joined, rare_event, sobol, stopping
+from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps, labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
-from pgmp_petsc.figures.rare_event import rare_event
-from pgmp_petsc.figures.sensitivities import sensitivities
-from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.solids import has_solids, solids
-from pgmp_petsc.figures.stopping import stopping
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
+from pgmp_petsc.figures.trajectories import energies, labels_of, paired, trajectories
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.results.readers import READERS

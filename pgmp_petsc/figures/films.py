@@ -16,7 +16,7 @@ from PIL import Image
 from pgmp_petsc.figures.motion import Motion
 from pgmp_petsc.figures.solids import images
 from pgmp_petsc.figures.style import PROGRAM
-from pgmp_petsc.runtime.children import child
+from pgmp_petsc.runtime.ending import child
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 

@@ -1,4 +1,7 @@
-"""Eigenfrequencies over the configurations, full-order and reduced (as Fig. 2 of Naets et al. 2015)."""
+"""Eigenfrequencies over the configurations, full-order and reduced (as Fig. 2 of Naets et al. 2015).
+
+Mechanisms with two coordinates: eigenfrequencies as maps over their plane, and the path of a run through it.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,29 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.differences import OF_RUNS, WITHOUT_EFFECT, tell_apart
+from pgmp_petsc.figures.shapes import TimeColours
 from pgmp_petsc.figures.style import (
+    MODELS,
     QUIET,
     angle_ticks,
     axis_label,
     distinct_colours,
     heading,
     new_figure,
+    scene_of,
     styled,
     top_legend,
 )
-from pgmp_petsc.results import ModesTable
+from pgmp_petsc.results import ModesTable, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
 # About as many crosses as can be told from the line below them.
@@ -118,3 +128,106 @@ def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
         (name, unit), *_ = table.coordinate_units.items()
         return table.theta, name, unit
     return np.arange(table.theta.shape[1]), "configuration", "1"
+
+
+N_LEVELS = 12
+# Shorter segments of a path are paler, because each is smoothed at its edges.
+N_SEGMENTS = 200
+
+
+@styled
+def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figure:
+    """Draw the first ``n_modes`` flexible eigenfrequencies over the grid of two coordinates, one map each.
+
+    With a reduced model beside the full order, each title says by how much its frequencies differ at most. The label
+    tells the table from others.
+
+    Raises
+    ------
+    InputError
+        If the table has not two coordinates.
+    """
+    if len(table.coordinate_units) != 2:
+        raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
+    first, second = (np.unique(theta) for theta in table.theta)
+    n_modes = min(n_modes, table.full_hz.shape[1])
+    n_columns = 1 if n_modes == 1 else 2
+    n_rows = -(-n_modes // n_columns)
+    figure = new_figure(4.2 * n_columns, 3.1 * n_rows + 0.5)
+    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
+    (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
+    for mode, axes in enumerate(panels.flat):
+        if mode >= n_modes:
+            axes.set_visible(False)
+            continue
+        # the last coordinate runs fastest: rows are the first one
+        values = table.full_hz[:, mode].reshape(len(first), len(second))
+        filled = axes.contourf(first, second, values.T, MaxNLocator(N_LEVELS).tick_values(values.min(), values.max()))
+        figure.colorbar(filled, ax=axes, pad=0.02, ticks=MaxNLocator(5)).outline.set_visible(False)
+        axes.set_title(f"flexible mode {mode + 1} (Hz){_difference(table, mode)}")
+        axes.grid(False)
+        if mode >= n_modes - n_columns:
+            axes.set_xlabel(axis_label(x_name, x_unit))
+            axes.tick_params(labelbottom=True)
+        if mode % n_columns == 0:
+            axes.set_ylabel(axis_label(y_name, y_unit))
+    what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
+    top_legend(figure, [], heading(what, table.record, label), cautions.of_records([table.record]))
+    return figure
+
+
+@styled
+def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
+    """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene.
+
+    Raises
+    ------
+    InputError
+        If the run has not two coordinates.
+    """
+    if len(trajectory.coordinate_units) != 2:
+        raise InputError(f"a path needs two coordinates, the run has {len(trajectory.coordinate_units)}")
+    figure = new_figure(6.4, 5.2)
+    axes = figure.subplots()
+    keys = _draw_ranges(axes, trajectory)
+    n_times = len(trajectory.time)
+    chosen = np.unique(np.linspace(0, n_times - 1, min(n_times, N_SEGMENTS + 1)).round().astype(int))
+    time, points = trajectory.time[chosen], trajectory.coordinates[chosen]
+    colours = TimeColours.over(trajectory.time)
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    scaled = {"array": time[1:], "cmap": colours.colours, "norm": colours.scale}
+    axes.add_collection(LineCollection(segments, linewidths=2.2, capstyle="round", **scaled))
+    for number in (0, -1):
+        axes.plot(*points[number], "o", color=colours.at(time[number]), markersize=7.0)
+    (x_name, x_unit), (y_name, y_unit) = trajectory.coordinate_units.items()
+    axes.set_xlabel(axis_label(x_name, x_unit))
+    axes.set_ylabel(axis_label(y_name, y_unit))
+    axes.margins(0.12)
+    axes.autoscale_view()
+    bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
+    bar.outline.set_visible(False)
+    bar.set_label("time (s)")
+    what = heading(f"Path of the coordinates, {MODELS[trajectory.model]}", trajectory.record, label)
+    top_legend(figure, keys, what, cautions.of_runs([trajectory]))
+    return figure
+
+
+def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
+    """Draw the ends of the ranges that the scene gives, and return their key; a periodic coordinate has none."""
+    coordinates = scene_of(trajectory.record).get("coordinates", {})
+    style, keys = {"color": QUIET, "linewidth": 0.9, "linestyle": (0, (4, 3))}, []
+    for name, draw in zip(trajectory.coordinate_units, (axes.axvline, axes.axhline)):
+        entry = coordinates.get(name, {"periodic": True})
+        if not entry.get("periodic", False):
+            for end in entry["range"]:
+                draw(end, **style)
+            keys = [Line2D([], [], label="ends of the ranges", **style)]
+    return keys
+
+
+def _difference(table: ModesTable, mode: int) -> str:
+    """Return by how much the reduced frequencies of a mode differ at most; an empty text where there are none."""
+    if table.reduced_hz is None or mode >= table.reduced_hz.shape[1]:
+        return ""
+    exact = table.full_hz[:, mode]
+    return f", reduced within {100.0 * np.max(np.abs(table.reduced_hz[:, mode] / exact - 1.0)):.1g} %"

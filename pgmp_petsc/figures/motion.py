@@ -16,7 +16,7 @@ from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
 from pgmp_petsc.figures.surfaces import outer_faces, outlines, triangles
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.body_fields import BodyField, truncated
-from pgmp_petsc.results.mode_shape import ModeShape
+from pgmp_petsc.results.modes import ModeShape
 from pgmp_petsc.runtime.errors import InputError
 
 # An enlarged deformation reaches this share of the mechanism's size at most, where nobody says how far.

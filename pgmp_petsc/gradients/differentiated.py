@@ -1,9 +1,46 @@
-"""Runs of the reduced model with the derivatives of their outputs."""
+"""Runs of the reduced model with the derivatives of their outputs.
+
+Forward sensitivities through the steps of the generalised-alpha scheme (`dynamics.generalised_alpha`); compiled.
+
+The scheme is differentiated as it stands. With S_q, S_v, S_a, S_A the derivatives of coordinates, velocities,
+accelerations and auxiliary accelerations with a parameter, hats for their prediction with ``S_a_hat = S_a`` of the
+step's beginning, and the step's own matrix,
+
+    (by_q + gain_v by_v + gain_a by_a) x = - (by_p + by_q S_q_hat + by_v S_v_hat + by_a S_a_hat),
+    S_q = S_q_hat + x,     S_v = S_v_hat + gain_v x,     S_a = S_a_hat + gain_a x.
+
+One factorisation serves all parameters. Prescribed coordinates do not depend on any.
+
+Sensitivities at the start of a run.
+
+An undeformed start depends on no parameter, velocities on those that are some of them; first accelerations follow
+from the equations of motion, ``by_a S_a = - (by_p + by_q S_q + by_v S_v)``. In static equilibrium with free coordinates
+the residual at rest vanishes, ``by_q S_q = - by_p``. With held ones the angles s of their joints are given and torques
+mu hold them,
+
+    R(eta, p) + G^T mu = 0,     s(eta) = s_0,     G = ds/d eta,
+    [by_q + sum_k mu_k d2 s_k/d eta2   G^T] [S_q ]     [by_p + (d G/dp)^T mu]
+    [G                                 0  ] [S_mu] = - [d s/dp              ],
+
+where s depends on parameters that are lengths alone.
+
+Outputs of a run, and their derivatives along sensitivities of the reduced coordinates.
+
+All outputs but stresses are smooth functions of poses and of displacements in body frames. Displacements
+``u = Psi(theta) delta + 1/2 chi(theta) delta delta`` are interpolated, and their derivative is exact,
+
+    du/dp = (Psi + chi delta) S_delta + sum_k (d_k Psi delta + 1/2 d_k chi delta delta) S_theta_k;
+
+what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
+by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
+for (`RigidKinematics.near`). Stresses have central differences along the whole line. Where outputs are polynomials of
+lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -12,12 +49,12 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.linearisation import Linearisation
-from pgmp_petsc.gradients.observed import ObservedChanges
-from pgmp_petsc.gradients.propagation import propagate
-from pgmp_petsc.gradients.start import start_of_sensitivities
+from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.scene.uses import velocity_names
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
@@ -195,3 +232,223 @@ def _require_finite(
                 at = times[int(np.argmin(np.isfinite(found)))]
                 what = f"its derivative with {name} " if name else ""
                 raise RunError(f"outputs.{output}: {what}is no finite number from {at:.6g} s on")
+
+
+@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
+def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment, result):
+    """Take the sensitivities through steps.
+
+    Parameters
+    ----------
+    by_q, by_v, by_a, by_parameters
+        At the ends of the steps, see `linearisation.Linearised`.
+    scheme
+        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)`` of the step.
+    step
+        s.
+    prescribed
+        Whether a coordinate's motion is given, shape (n_theta,).
+    moment
+        S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
+    result
+        S_q at the ends of the steps, shape (n_t, n_parameters, n_eta).
+    """
+    alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
+    n_t, n_parameters, n = by_parameters.shape
+    matrix, order = np.empty((n, n)), np.empty(n, dtype=np.int64)
+    q, v, a, right = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    weight = 1.0 / (1.0 - alpha_m)
+    for t in range(n_t):
+        for i in range(n):
+            for j in range(n):
+                matrix[i, j] = by_q[t, i, j] + gain_v * by_v[t, i, j] + gain_a * by_a[t, i, j]
+        hold(prescribed, matrix, right)
+        factorise(matrix, order)
+        for p in range(n_parameters):
+            for i in range(n):
+                before, rate, now, auxiliary = moment[0, p, i], moment[1, p, i], moment[2, p, i], moment[3, p, i]
+                ahead = (now - alpha_m * auxiliary) * weight
+                q[i] = before + step * rate + step * step * ((0.5 - beta) * auxiliary + beta * ahead)
+                v[i], a[i] = rate + step * ((1.0 - gamma) * auxiliary + gamma * ahead), now
+            for k in range(prescribed.size):
+                if prescribed[k]:
+                    q[k] = v[k] = a[k] = 0.0
+            for i in range(n):
+                right[i] = -by_parameters[t, p, i]
+                for j in range(n):
+                    right[i] -= by_q[t, i, j] * q[j] + by_v[t, i, j] * v[j] + by_a[t, i, j] * a[j]
+            for k in range(prescribed.size):
+                if prescribed[k]:
+                    right[k] = 0.0
+            substitute(matrix, order, right)
+            for i in range(n):
+                then, now, auxiliary = a[i] + gain_a * right[i], moment[2, p, i], moment[3, p, i]
+                moment[0, p, i], moment[1, p, i], moment[2, p, i] = q[i] + right[i], v[i] + gain_v * right[i], then
+                moment[3, p, i] = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * auxiliary) * weight
+                result[t, p, i] = moment[0, p, i]
+
+
+DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
+
+
+def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
+    """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta).
+
+    Parameters
+    ----------
+    start
+        State at the start, arrays of shape (1, n_eta).
+    """
+    n_parameters, n = len(linearisation.names), start.q.shape[1]
+    moment = np.zeros((4, n_parameters, n))
+    free = np.array([k not in model.motions for k in range(n)])
+    time, initial = np.zeros(1), model.scene.initial
+    if initial.equilibrium:
+        still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
+        at_rest = linearisation.at(time, still)
+        if initial.coordinates == "free":
+            moment[0][:, free] = -_solved(at_rest.by_q[0], at_rest.by_parameters[0], free)
+        else:
+            moment[0] = _held(model, start.q, at_rest, linearisation)
+        if initial.coordinates == "free" and not model.motions:
+            return moment  # at rest it stays there: no accelerations, whatever the parameters
+    named = velocity_names(model.scene)
+    for k, coordinate in enumerate(model.kinematics.coordinates):
+        for row, name in zip(moment[1], linearisation.names):
+            row[k] = float(named.get(coordinate.name) == name)
+    now = linearisation.at(time, start)
+    pushed = now.by_parameters[0] + moment[0] @ now.by_q[0].T + moment[1] @ now.by_v[0].T
+    moment[2][:, free] = -_solved(now.by_a[0], pushed, free)
+    moment[3] = moment[2]
+    return moment
+
+
+def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the solutions for the free coordinates of right-hand sides in rows."""
+    return np.linalg.solve(matrix[np.ix_(free, free)], rows[:, free].T).T
+
+
+def _held(
+    model: ReducedModel | LengthLanes, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation
+) -> np.ndarray:
+    """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta)."""
+    angles = [member.joint_angles for member in model.members]
+    slopes, curvatures = _angle_derivatives(model, angles, model.shares(linearisation.values), eta)
+    r, n = slopes.shape
+    torques = np.linalg.lstsq(slopes.T, -at_rest.residual[0], rcond=None)[0]
+    matrix = np.zeros((n + r, n + r))
+    matrix[:n, :n] = at_rest.by_q[0] + np.einsum("k,kij->ij", torques, curvatures)
+    matrix[:n, n:], matrix[n:, :n] = slopes.T, slopes
+    right = np.concatenate([at_rest.by_parameters[0], np.zeros((len(at_rest.by_parameters[0]), r))], axis=1)
+    for row, name in zip(right, linearisation.names):
+        shares = model.shares(linearisation.values, name)
+        if shares.any():
+            row[:n] += torques @ _angle_derivatives(model, angles, shares, eta)[0]
+            row[n:] += _angles(angles, shares, eta)[0]
+    return -np.linalg.solve(matrix, right.T).T[:, :n]
+
+
+def _angle_derivatives(
+    model: ReducedModel | LengthLanes, angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return first and second derivatives of the coordinates' angles, (n_theta, n_eta) and (n_theta, n_eta, n_eta)."""
+    offsets, factors = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+    steps = np.diag(DIFFERENCE / model.terms.scale)
+    lines = offsets[:, None, None] * steps
+    slopes = np.einsum("o,oik->ki", factors, _angles(angles, shares, eta + lines))
+    planes = lines[:, :, None, None] + lines
+    curvatures = np.einsum("o,p,oipjk->kij", factors, factors, _angles(angles, shares, eta + planes))
+    inverse = 1.0 / np.diag(steps)
+    return slopes * inverse, curvatures * np.outer(inverse, inverse)
+
+
+def _angles(angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray) -> np.ndarray:
+    """Return the angles at eta of shape (..., n_eta), sums over members with shares, shape (..., n_theta)."""
+    rows = eta.reshape(-1, eta.shape[-1])
+    found = sum(share * own.of(rows) for share, own in zip(shares, angles))
+    return found.reshape(*eta.shape[:-1], found.shape[1])
+
+
+# in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
+OBSERVED_DIFFERENCE = 1e-4
+OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
+
+
+class ObservedChanges:
+    """The outputs of one run and their derivatives.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    values
+        Value of every parameter.
+    eta
+        Reduced coordinates over the run, shape (n_t, n_eta).
+    """
+
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], eta: np.ndarray) -> None:
+        self._model, self._values = model, dict(values)
+        self._members = [_Member(member, self._values, eta) for member in model.members]
+
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """The outputs, each of shape (n_t,)."""
+        shares = self._model.shares(self._values)
+        return _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
+
+    def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, (n_t, n_eta)."""
+        shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
+        parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
+        parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
+        return _total(parts)
+
+
+class _Member:
+    """The same of one of the models whose outputs, each with its share, make those of the whole."""
+
+    def __init__(self, model: ReducedModel, values: Mapping[str, float], eta: np.ndarray) -> None:
+        self._model, self._values, self._eta = model, values, eta
+        frames, self._along = model.reconstruction.along(eta)
+        observed = model.outputs.observed(frames, self._stresses(eta, values))
+        # the loops that this closes serve all evaluations next to it
+        self._evaluate = model.outputs.near(observed)
+        self.outputs = self._evaluate(observed)
+
+    def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the derivatives of the outputs with a parameter."""
+        model, eta = self._model, self._eta
+        size = np.max(np.abs(changes) * model.terms.scale, axis=1)
+        value = self._values[name]
+        steps = OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0)
+        # what is multiplied by the parameter itself must not be taken far from its value
+        of_stresses = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
+        total: dict[str, np.ndarray] = {}
+        frames_at = self._along(changes)
+        for share in (-1.0, 1.0):
+            frames, moved = frames_at(share * steps), share * of_stresses
+            stresses = self._stresses(eta + moved[:, None] * changes, self._values | {name: value + moved})
+            found = self._evaluate(model.outputs.observed(frames, stresses))
+            for output, values in found.items():
+                far = of_stresses if model.outputs.functions[output] is None else steps
+                total[output] = total.get(output, 0.0) + share * values / (2.0 * far)
+        return total
+
+    def _stresses(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        return np.empty((0, len(eta))) if self._model.stresses is None else self._model.stresses.of(eta, values)
+
+
+def _times(share: float, outputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {output: share * values for output, values in outputs.items()}
+
+
+def _total(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    total: dict[str, np.ndarray] = {}
+    for part in parts:
+        total = {output: total.get(output, 0.0) + values for output, values in part.items()}
+    return total
+
+
+def _inverse(value: float) -> float:
+    return 1.0 / abs(value) if value else 0.0

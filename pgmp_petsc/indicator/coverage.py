@@ -12,7 +12,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.numbers import share_text
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
 # steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
@@ -239,4 +239,3 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
             "large for that need pgmp build, which shares each of them"
         ),
     )
-

@@ -17,11 +17,11 @@ import numpy as np
 
 from pgmp_petsc.dynamics.reduced_kernel import gather
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
+from pgmp_petsc.reduction.mode_changes import StiffnessChanges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
-from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
-from pgmp_petsc.runtime.compiled import njit
 
 EVERYONE = (1 << LANES) - 1
 ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the nearer one is found anew

@@ -3,6 +3,16 @@
 Vectors have shape (n_dofs, ...): displacements and rotations of every node, and internal coordinates, which of
 condensed bodies are in body frames always. In its body's frame a vector is turned back: ``u = R^T v``. A rigid velocity
 of a body is then a combination of constant vectors.
+
+Gradients of statements on the rigid mechanism, in body frames: rows of constraints, forces of actions.
+
+A node of a body at the pose P has the frame z(P) in the inertial frame. Its displacement and rotation u in the body's
+frame change that by ``dz = F(P) u`` (`Space.frame_gradient`), wherever the node is. With the slopes g of a statement in
+the frames of its two nodes its gradient in body frames is
+
+    ds/du = g(z(P)) F(P).
+
+Which unknowns a statement feels does not depend on the configuration: it is found once, and values alone are filled in.
 """
 
 from __future__ import annotations
@@ -12,7 +22,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
+from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
+from pgmp_petsc.mechanism.statements import Statement
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -101,3 +114,75 @@ def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray
         if body.meshed is not None:
             on_mesh(body, turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], on_mesh(body, turned))
     return turned.reshape(shape)
+
+
+class BodyGradients:
+    """Gradients of statements about attachments, one statement a row, at any configuration.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism that the attachments belong to.
+    held
+        The statements and their sides.
+
+    Attributes
+    ----------
+    n
+        Number of statements.
+    rows, dofs
+        Statement and unknown of every entry, shape (n_entries,); no entry is zero everywhere.
+    """
+
+    def __init__(self, mechanism: Mechanism, held: Sequence[tuple[Statement, tuple[Attachment, Attachment]]]) -> None:
+        space, sides = mechanism.space, [pair for _, pair in held]
+        self.n, self._space, self._n_dofs = len(held), space, mechanism.n_dofs
+        moving = {side.node: side for pair in sides for side in pair if not side.on_ground}
+        nodes = np.array(sorted(moving), dtype=int)
+        # statements see the nodes that they are about, one after the other
+        self._rows = StatementRows(
+            [part for part, _ in held],
+            sides,
+            lambda node: space.n_pose * np.searchsorted(nodes, node) + np.arange(space.n_pose),
+            space.dimension,
+        )
+        self._slopes = self._rows.jacobian_pattern[0], self._rows.compiled.entries[1]
+        bodies = np.array([moving[node].body for node in nodes], dtype=int)
+        points = np.array([moving[node].point - moving[node].arm for node in nodes]).reshape(-1, space.dimension)
+        self._nodes = [(body, points[bodies == body]) for body in np.unique(bodies)]
+        self._bodies = np.array([[side.body for side in pair] for pair in sides], dtype=int).reshape(-1, 2)
+        grounded = np.full(space.n_dofs, -1)
+        dofs = np.array([[grounded if s.on_ground else s.dofs for s in pair] for pair in sides], dtype=int)
+        dofs = dofs.reshape(self.n, 2, space.n_dofs)
+        self._entries = self._felt(dofs, len(mechanism.bodies))
+        self.rows, self.dofs = self._entries[0], dofs[self._entries]
+
+    def values(self, poses: np.ndarray) -> np.ndarray:
+        """Return the entries at poses (n_bodies, n_pose), shape (n_entries,)."""
+        return self._everything(poses)[self._entries]
+
+    def dense(self, poses: np.ndarray) -> np.ndarray:
+        """Return the gradients in all unknowns at poses (n_bodies, n_pose), shape (n, n_dofs)."""
+        found = np.zeros((self.n, self._n_dofs))
+        if not self.n:
+            return found
+        # both sides of a statement may be the same node
+        np.add.at(found, (self.rows, self.dofs), self.values(poses))
+        return found
+
+    def _everything(self, poses: np.ndarray) -> np.ndarray:
+        """Return the derivatives in both nodes' unknowns, shape (n, 2, n_dofs of a node); any on the ground."""
+        space = self._space
+        frames = [space.place(poses[body], points).ravel() for body, points in self._nodes]
+        slopes = np.zeros((self.n, 2 * space.n_pose))
+        slopes[self._slopes] = self._rows.jacobian_values(np.concatenate([*frames, np.zeros(0)]))
+        turns = np.array([space.frame_gradient(pose) for pose in poses])
+        return (slopes.reshape(self.n, 2, 1, space.n_pose) @ turns[self._bodies])[:, :, 0]
+
+    def _felt(self, dofs: np.ndarray, n_bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the places of the derivatives that are not zero at poses that no mechanism comes to."""
+        random, d = np.random.default_rng(0), self._space.dimension
+        poses = random.normal(size=(n_bodies, self._space.n_pose))
+        if self._space.n_tied:  # directors
+            poses[:, d:] = np.linalg.qr(poses[:, d:].reshape(n_bodies, d, d))[0].reshape(n_bodies, d * d)
+        return np.nonzero((np.abs(self._everything(poses)) > ROUND_OFF) & (dofs >= 0))

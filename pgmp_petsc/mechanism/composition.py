@@ -10,16 +10,14 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.body import Body, LumpedMass, joined
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.rigid_component import rigid_component, rigid_line
 from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.joints import MEETING, joint, triad
+from pgmp_petsc.mechanism.joints import MEETING, Connection, joint, triad
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh

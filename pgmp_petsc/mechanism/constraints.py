@@ -14,8 +14,8 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.body_gradients import BodyGradients
-from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
 

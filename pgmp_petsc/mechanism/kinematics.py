@@ -14,12 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
-from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
-from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
+from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.mechanism.pose_branch import PoseBranch
-from pgmp_petsc.mechanism.walk import Walk
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps

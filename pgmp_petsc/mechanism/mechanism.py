@@ -17,8 +17,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
-from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.joints import orthonormality
+from pgmp_petsc.mechanism.joints import Connection, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, at_nodes, at_points, rotate, space_of
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import PrescribedMotion

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.statements import ANGLE, MEET, U, V, W, Statement, evaluate, n_frame
+from pgmp_petsc.mechanism.statements import ANGLE, MEET, Statement, U, V, W, evaluate, n_frame
 from pgmp_petsc.runtime.compiled import njit
 
 PLANAR = 3  # unknowns of a node in the plane

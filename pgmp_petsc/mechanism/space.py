@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.bodies.linear_fields import TURNS
+from pgmp_petsc.bodies.inertia_moments import TURNS
 from pgmp_petsc.mechanism.statements import Statement
 
 

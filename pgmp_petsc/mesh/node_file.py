@@ -9,9 +9,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+
 import numpy as np
 
-from pgmp_petsc.mesh.abaqus_nodes import read_abaqus_nodes
+from pgmp_petsc.mesh.abaqus import read_abaqus_nodes
 from pgmp_petsc.mesh.msh_groups import complete_physical_groups
 from pgmp_petsc.mesh.reading import check_file, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh

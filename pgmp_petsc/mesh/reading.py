@@ -70,7 +70,7 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
 
 def _read_apart(path: Path, received: str) -> meshio.Mesh:
     """Read a file whose reader may not end, in another process."""
-    from pgmp_petsc.runtime.children import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
+    from pgmp_petsc.runtime.ending import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
 
     done = run_child([sys.executable, "-c", _READER, str(path)], LONGEST_READING)
     if done.returncode == TIME_IS_OVER:

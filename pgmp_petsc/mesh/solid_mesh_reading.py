@@ -1,28 +1,32 @@
 """Reading of plane and solid meshes through meshio, and what is refused.
 
 Messages number nodes and cells in the file's order, from zero, as meshio does.
+
+Numbering of a mesh from one of its ends to the other, so that contiguous shares of the nodes are compact.
+
+Unknowns are dealt to processes in contiguous shares of the nodes. The order is that of reverse Cuthill-McKee: layers of
+nodes with the same distance from one end (A. George, J. W. H. Liu, Computer Solution of Large Sparse Positive Definite
+Systems, 1981, chapter 4).
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import meshio
 import numpy as np
+from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 
-from pgmp_petsc.mesh.abaqus_sets import check_sets
+from pgmp_petsc.mesh.abaqus import check_sets
 from pgmp_petsc.mesh.cell_checks import check_cells, shown
 from pgmp_petsc.mesh.face_groups import named_groups
+from pgmp_petsc.mesh.incidence import incidence_edges, undirected_graph
 from pgmp_petsc.mesh.msh_groups import complete_physical_groups
-from pgmp_petsc.mesh.node_order import renumbered
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, shortened
-
-if TYPE_CHECKING:
-    import meshio
 
 KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}
 
@@ -156,3 +160,51 @@ def coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray
         )
     missing = np.zeros((len(points), max(0, dimension - points.shape[1])))  # files of plane points for a solid body
     return np.hstack([points[:, :dimension], missing])
+
+
+#: Walks from one end of the mesh to the node farthest from it; more of them hardly ever find a longer way.
+N_WALKS = 3
+
+
+def renumbered(mesh: SolidMesh) -> SolidMesh:
+    """Return the same mesh with its nodes in a compact order, and cells and faces in that of their lowest node."""
+    order = compact_order(mesh.n_nodes, mesh.cells)
+    node_numbers = _inverse(order)
+    cells = node_numbers[mesh.cells]
+    cell_order = np.argsort(cells.min(axis=1), kind="stable")
+    cell_numbers = _inverse(cell_order)
+    groups = {name: _in_order(node_numbers[faces]) for name, faces in mesh.groups.items()}
+    regions = {name: np.sort(cell_numbers[region]) for name, region in mesh.regions.items()}
+    return SolidMesh(mesh.kind, mesh.nodes[order], cells[cell_order], groups, regions, mesh.small_groups)
+
+
+def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
+    """Return the nodes of a connected mesh in the order of reverse Cuthill-McKee, shape (n_nodes,).
+
+    Parameters
+    ----------
+    n_nodes : int
+    cells : ndarray of int, shape (n_cells, n_cell_nodes)
+    """
+    edges = incidence_edges(n_nodes, cells)
+    start = n_nodes + len(cells)
+    graph = undirected_graph(edges, start)
+    end = 0
+    for _ in range(N_WALKS):
+        end = int(breadth_first_order(graph, end, return_predecessors=False)[-1])
+    # scipy starts where there are fewest edges, which for cells with nodes on their edges may be halfway along a body.
+    # One more vertex that hangs on the end, and a loop on every other one, make it start there.
+    loops = np.tile(np.arange(start), (2, 1))
+    graph = undirected_graph(np.hstack([edges, loops, [[end], [start]]]), start + 1)
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
+    return order[order < n_nodes].astype(int)
+
+
+def _inverse(order: np.ndarray) -> np.ndarray:
+    numbers = np.empty_like(order)
+    numbers[order] = np.arange(len(order))
+    return numbers
+
+
+def _in_order(faces: np.ndarray) -> np.ndarray:
+    return faces[np.lexsort(np.sort(faces, axis=1).T[::-1])]

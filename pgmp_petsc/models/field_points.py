@@ -16,8 +16,17 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw, all_points, carrier_of, cell_points, law_of, quantities_of
-from pgmp_petsc.outputs.stress_quantities import EXTREMES, FURTHEST
+from pgmp_petsc.outputs.stress import (
+    EXTREMES,
+    FURTHEST,
+    BeamLaw,
+    SolidLaw,
+    all_points,
+    carrier_of,
+    cell_points,
+    law_of,
+    quantities_of,
+)
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 

@@ -1,4 +1,7 @@
-"""The full-order model of a scene."""
+"""The full-order model of a scene.
+
+The component model of a scene: flexible bodies in floating frames, joined by constraints.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.rank_solver import PREFIX
@@ -22,9 +26,9 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.petsc import has_options
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -32,6 +36,7 @@ if TYPE_CHECKING:
 
     from pgmp_petsc.dynamics.full_distributed import FullDistributed
     from pgmp_petsc.models.body_fields import FullFields
+
 
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
@@ -244,3 +249,42 @@ class FullModel:
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""
         return system.frames(state)
+
+
+class ComponentModel(FullModel):
+    """The equations of the full-order model with another kind of flexible body; see `Model` and `bodies.floating`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    shapes
+        Of the bodies, the flexible ones as `components.floating_frames` makes them.
+    kinematics
+        Of the same mechanism, where they are at hand.
+    n_ranks
+        Ranks that condensed the bodies, each on one.
+    """
+
+    name = "components"
+    title = "component"
+
+    def __init__(
+        self,
+        scene: Scene,
+        shapes: Mapping[str, BodyShape],
+        kinematics: RigidKinematics | None = None,
+        n_ranks: int = 1,
+    ) -> None:
+        super().__init__(scene, shapes, kinematics)
+        self.n_ranks = n_ranks
+
+    @property
+    def _scaling(self) -> set[str | None]:
+        """None: cross-sections that scale are weights of moments and stiffness as all parameters are."""
+        return set()
+
+    @property
+    def n_amplitudes(self) -> dict[str, int]:
+        """Number of component modes of every flexible body."""
+        return {body.name: body.floating.n for body in self.kinematics.mechanism.bodies if body.floating is not None}

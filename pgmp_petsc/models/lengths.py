@@ -18,8 +18,7 @@ from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.models.components import ComponentModel
-from pgmp_petsc.models.full import FullModel
+from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel, begun
 from pgmp_petsc.runtime.errors import InputError

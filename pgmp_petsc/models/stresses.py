@@ -22,8 +22,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.recovery import products
 from pgmp_petsc.bodies.solid_strains import SolidStrains
-from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.unknowns import Unknowns
@@ -93,9 +93,7 @@ class ReducedStresses:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
         amplitudes = {number: shapes.of(eta) for number, shapes in self._amplitudes.items()}
         missed = self._missed.amplitudes(eta, values)
-        rows = [
-            self._of(stress, amplitudes[stress.body], missed.get(stress.body), values) for stress in self._stresses
-        ]
+        rows = [self._of(stress, amplitudes[stress.body], missed.get(stress.body), values) for stress in self._stresses]
         return np.array(rows).reshape(len(rows), len(eta))
 
     def _of(self, stress: StressOutput, y: np.ndarray, missed: np.ndarray | None, values: Values) -> np.ndarray:

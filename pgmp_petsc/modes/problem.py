@@ -7,12 +7,15 @@ coordinate, belong to the rigid motion ``d rho / d theta``, known exactly from t
 the basis. Prescribed coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so
 that no flexible vector turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the
 flexible vectors are not orthogonal to them.
+
+What an eigenproblem finds at one configuration.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,13 +28,52 @@ from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
-from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.petsc import has_options
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class ModeSet:
+    """Rigid and flexible modes at one configuration, local rows, in body frames.
+
+    Attributes
+    ----------
+    theta
+        The configuration, shape (n_theta,), rad.
+    eigenvalues
+        Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
+    rigid
+        ``d rho / d theta``, shape (n_local, n_theta).
+    rigid_curvature
+        ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
+    flexible
+        M-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
+        n_modes).
+    free
+        Numbers of the coordinates that are not prescribed.
+    """
+
+    theta: np.ndarray
+    eigenvalues: np.ndarray
+    rigid: np.ndarray
+    rigid_curvature: np.ndarray
+    flexible: np.ndarray
+    free: np.ndarray
+
+    @property
+    def eigenvectors(self) -> np.ndarray:
+        """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_free + n_modes)."""
+        return np.hstack([self.rigid[:, self.free], self.flexible])
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Eigenfrequencies, shape (n_modes,)."""
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+
 
 PREFIX = "pgmp_modes_"
 SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift

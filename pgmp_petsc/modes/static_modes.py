@@ -4,17 +4,39 @@ At single configurations an answer r(theta) may be a combination of the modes an
 rod's motion is a translation, its weight along the motion is its inertia force. The space that the answers span has a
 limit there: what is left of r beside the others vanishes with a power of the distance, odd or even, and the basis
 continues with the direction of ``r(theta + h) - r(theta - h)`` or ``r(theta + h) + r(theta - h)``, the larger one.
+
+What linear springs, and loads that are there already, add to the stiffness of a mechanism at a configuration.
+
+With the springs' blocks in body frames (`effects.springs`) the potential of the rigid mechanism has the stiffness
+
+    d2V/d theta_k d theta_l = sum_j k_j s_j,k s_j,l                            springs without force
+                            + sum_j k_j (s_j - rest_j) s_j,kl - f.rho,kl       preload: springs and weights f
+
+The first line is what the blocks give for the rigid motion ``rho,k``. Of the second one the blocks hold what belongs to
+second derivatives of s alone; the forces' work on the curvature ``rho,kl`` of the rigid motion is stiffness between the
+bodies of the coordinates' joints. So the rigid mechanism has its exact stiffness about the loaded state. What the
+loads' axial forces do to the stiffness of each body, as a string is tuned, is not in it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.modes.mode_set import ModeSet
-from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects import Action, Effect
+from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
+from pgmp_petsc.mechanism.body_frames import BodyGradients, linear_motion, to_body
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem, ModeSet
 from pgmp_petsc.runtime.errors import RunError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
 
 # h of a limit, as a share of a coordinate's range: the direction is off by the square of this, and where what is left
 # of an answer vanishes with the square, 7 of its 13 digits are left
@@ -140,3 +162,128 @@ def _left_at(problem: ModalProblem, modes: ModeSet, k: int, value: float, loads_
         if size > 0.0:
             basis = np.hstack([basis, answers[:, one] / size])
     return answers
+
+
+# shares of the ranges at which springs are looked at, far from every symmetry
+PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
+RESISTED = 1e-10  # stiffness of a rigid motion, as a share of what its springs would have without cancellation
+NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
+
+
+class SpringStiffness:
+    """Stiffness of springs and preload at any configuration.
+
+    Parameters
+    ----------
+    kinematics
+        Rigid kinematics of the mechanism.
+    springs
+        Linear springs.
+    values
+        Parameter values.
+    weights
+        Conservative effects that load the mechanism; None for the unloaded state.
+
+    Attributes
+    ----------
+    dofs
+        Unknowns of every block, the same at all configurations.
+    free
+        Numbers of the coordinates that are not prescribed.
+    """
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        springs: Sequence[Action],
+        values: Mapping[str, float],
+        weights: Sequence[Effect] | None = None,
+    ) -> None:
+        self.kinematics, self._values = kinematics, dict(values)
+        self._mechanism = kinematics.mechanism
+        self._springs, self._weights = tuple(springs), weights
+        self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
+        self.dofs = [moving_dofs(spring) for spring in self._springs]
+        self._forces = UnitForces(self._springs, self._mechanism)
+        turned = [kinematics.coordinates[k].connection for k in self.free]
+        self._turning = BodyGradients(self._mechanism, [(joint.angle, joint.sides) for joint in turned])
+        if weights is not None and self.free.size:
+            self.dofs.append(np.unique(self._turning.dofs))
+
+    def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: MPI.Comm) -> list[Block]:
+        """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
+
+        Parameters
+        ----------
+        matrices
+            The rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them.
+        """
+        poses = self.kinematics.motion(theta).poses
+        loaded = self._weights is not None
+        forces = [
+            spring_force(spring, self._mechanism, poses, theta, self._values) if loaded else 0.0
+            for spring in self._springs
+        ]
+        blocks = [
+            spring_block(spring, self._mechanism, poses, self._values, force)
+            for spring, force in zip(self._springs, forces)
+        ]
+        if loaded and self.free.size:
+            dofs = self.dofs[-1]
+            turning = self._turning.dense(poses)[:, dofs].T
+            blocks.append(Block(dofs, turning @ self._of_curvature(theta, forces, matrices, comm) @ turning.T))
+        return blocks
+
+    def n_resisted(self, matrices: AffineMatrices, comm: MPI.Comm) -> int:
+        """Return how many independent free rigid motions have a stiffness, but for single configurations.
+
+        Parameters are those of `at`. Collective on `comm`.
+        """
+        lower, upper = (np.array([getattr(c, end) for c in self.kinematics.coordinates]) for end in ("lower", "upper"))
+        most = 0
+        for share in PLACES[:, : lower.size] if self.free.size else ():
+            theta = lower + share * (upper - lower)
+            rigid = self._rigid(theta)
+            found, scale = np.zeros((2, self.free.size, self.free.size))
+            for block in self.at(theta, matrices, comm):
+                own = rigid[block.dofs]
+                found += own.T @ block.matrix @ own
+                scale += np.abs(own).T @ np.abs(block.matrix) @ np.abs(own)
+            sizes = np.abs(np.linalg.eigvalsh(found))
+            most = max(most, int(np.sum(sizes > RESISTED * np.max(scale, initial=0.0))))
+        return most
+
+    def _rigid(self, theta: np.ndarray) -> np.ndarray:
+        """Return ``rho,k`` of the free coordinates in body frames, all rows, shape (n_dofs, n_free)."""
+        motion = self.kinematics.motion(theta)
+        return linear_motion(self._mechanism, motion.velocities)[:, self.free]
+
+    def _of_curvature(
+        self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
+    ) -> np.ndarray:
+        """Return ``-(sum_j F_j g_j + f).rho,kl`` of the free coordinates, shape (n_free, n_free), N m."""
+        motion = self.kinematics.motion(theta)
+        poses = motion.poses
+        curvature = linear_motion(self._mechanism, motion.accelerations)
+        curvature = curvature[:, self.free][:, :, self.free]
+        pulled = self._forces.at(poses) @ np.array(forces)
+        own = slice(matrices.rows.start, matrices.rows.stop)
+        weight = self._weight(poses, matrices)
+        work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1))
+        return -(np.tensordot(pulled, curvature, axes=1) + work)
+
+    def _weight(self, poses: np.ndarray, matrices: AffineMatrices) -> np.ndarray:
+        """Return the weights in body frames, local rows, shape (n_local,)."""
+        total = np.zeros(len(matrices.rows))
+        for effect in self._weights:
+            for load in effect.loads(matrices):
+                term, field = load.body_force
+                strength = float(load.weight.evaluate(self._values))
+                total += strength * (matrices.mass[term] @ to_body(self._mechanism, poses, field))
+        return total
+
+
+def is_negative(block: Block) -> bool:
+    """Return whether a block gives energy for some displacement."""
+    values = np.linalg.eigvalsh(block.matrix)
+    return bool(values[0] < -NEGATIVE * max(values[-1], -values[0], 0.0)) if values.size else False

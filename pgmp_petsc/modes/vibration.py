@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import weighted_sum
 from pgmp_petsc.effects.springs import Block
 from pgmp_petsc.modes.problem import PREFIX, ModalProblem
-from pgmp_petsc.modes.spring_stiffness import SpringStiffness, is_negative
+from pgmp_petsc.modes.static_modes import SpringStiffness, is_negative
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.solvers.shift_invert import EigenPairs
 

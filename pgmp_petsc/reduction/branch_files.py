@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.mechanism.pose_branch import PoseBranch
+from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, put, take
 

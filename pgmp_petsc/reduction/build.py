@@ -4,6 +4,8 @@ The configurations are dealt to groups of ranks in contiguous arcs. Each group s
 neighbouring modes, also over the borders of the arcs; the rotations that make the basis continuous follow from these
 comparisons on the first rank, so that the number of groups has no part in them. With a tolerance for the sampling,
 rounds of further configurations follow where the interpolated tables differ from the fresh samples.
+
+The curvature of a finished basis at its samples, and the tables of second order that follow from it.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.third_derivative import is_known_of
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
@@ -23,36 +25,31 @@ from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
-from pgmp_petsc.reduction.compression import Compression
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of, interpolation_errors, midpoints
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
-from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.joining import JoinedSamples
-from pgmp_petsc.reduction.manifold import Manifold
+from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
-from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
+from pgmp_petsc.reduction.mode_changes import StiffnessChanges, mode_changes
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sampler import Sample, Sampler
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.second_order import SecondOrderTables
-from pgmp_petsc.reduction.snapshots import ParameterSnapshots
-from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
+from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
+from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
+from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.reduction.tables import flipping_signs
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
@@ -238,9 +235,7 @@ def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark
     """Return what is said of the angles that vectors of other parameter values need."""
     why = "vectors of other parameter values (reduction.parameter_modes) turn quickly where they are small"
     if uneven > UNEVEN:
-        return (
-            warning(f"{why}: their size changes by {uneven:.2g} times between angles; take more reduction.angles"),
-        )
+        return (warning(f"{why}: their size changes by {uneven:.2g} times between angles; take more reduction.angles"),)
     if len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None:
         (asked,) = np.broadcast_to(scene.reduction.angles, 1)
         if uneven > 1.0 and samples.n > asked:
@@ -425,3 +420,72 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
             for c, n in zip(coordinates, angles)
         )
     )
+
+
+class Manifold:
+    """Curvature at any sampled configuration. Collective on the problem's communicator.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_loads
+        Loads whose static answers the basis holds.
+    static_stretching
+        As for `CurvatureProblem`.
+    """
+
+    def __init__(
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
+    ) -> None:
+        self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
+        self._curvature = CurvatureProblem(problem, static_stretching)
+
+    def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
+        """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
+
+        Parameters
+        ----------
+        theta
+            The configuration, shape (n_theta,), rad.
+        sample
+            What was found there.
+        combination
+            The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
+
+        Raises
+        ------
+        RunError
+            If the refinement of an answer does not converge.
+        """
+        problem = self._problem
+        modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
+        static = sample.kept[:, sample.n_modes :]
+        answered = self._curvature.answered_loads(modes, static, self._static_loads.at(problem, modes))
+        shape = sample.shape @ combination
+        curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept])
+        everywhere = problem.all_rows(curvature.chi)
+        mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
+        # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij
+        thirds = [
+            problem.inner(shape, curvature.third[weight] / 3.0 + problem.matrices.stiffness[weight] @ everywhere)
+            for weight in problem.mechanism.stiffness_weights
+        ]
+        k, j = np.tril_indices(modes.rigid.shape[1])
+        accelerations = modes.rigid_curvature[:, k, j]
+        inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
+        fields = problem.kinematics.motion(theta).accelerations[:, :, k, j]
+        vectors, pairs = problem.all_rows(shape), np.tril_indices(shape.shape[1])
+        for term, weight in zip(inertia, problem.mechanism.mass_weights):
+            term += self._curvature.rotary.work(fields, vectors, pairs, weight)
+        return curvature.chi, SecondOrderTables(
+            cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
+            curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],
+            curved_inertia=unpacked(inertia)[None],
+        )

@@ -26,11 +26,9 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import Sample
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import Remark, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.runtime.seal import BrokenSeal
+from pgmp_petsc.runtime.seal import BrokenSeal, identity
 from pgmp_petsc.scene import Scene, scene_to_toml
 
 FORMAT = 6

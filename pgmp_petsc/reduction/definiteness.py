@@ -14,8 +14,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 
 PLACES = (0.25, 0.5, 0.75)  # of every interval between samples

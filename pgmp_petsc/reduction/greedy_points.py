@@ -16,9 +16,8 @@ import numpy as np
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
-from pgmp_petsc.reduction.compression import ROUND_OFF
-from pgmp_petsc.reduction.parameter_points import ParameterPoints
-from pgmp_petsc.reduction.snapshots import ParameterSnapshots
+from pgmp_petsc.reduction.rom import ParameterPoints
+from pgmp_petsc.reduction.snapshots import ROUND_OFF, ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError

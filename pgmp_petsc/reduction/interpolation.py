@@ -25,8 +25,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from pgmp_petsc.reduction.cell_products import products_of, stencil_room, tensor_stencil
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil
 from pgmp_petsc.runtime.compiled import njit
 

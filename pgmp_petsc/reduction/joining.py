@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.modes.grid_continuity import GridBasis, GridNeighbours
+from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.runtime.groups import RankGroup

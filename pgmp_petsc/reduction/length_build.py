@@ -16,16 +16,14 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
 from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.second_order import pair_rotations
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, held, length_names

@@ -22,11 +22,10 @@ from pgmp_petsc.bodies.line_bodies import at_lengths
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.length_grid import LengthGrid
-from pgmp_petsc.reduction.mode_changes import ModeChanges
+from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
-from pgmp_petsc.reduction.second_order import SecondOrderTables
-from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.scene import Scene
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.reduction.cell_products import pair_changes
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.second_order import pair_changes
 from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64

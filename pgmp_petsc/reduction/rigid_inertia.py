@@ -9,8 +9,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 
 N_FINE = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_FINE_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB

@@ -1,4 +1,7 @@
-"""The reduced-order model: what the offline build leaves for all simulations."""
+"""The reduced-order model: what the offline build leaves for all simulations.
+
+Points of the parameter space at which a basis takes further modes.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +12,60 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.mechanism.pose_branch import PoseBranch
+from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.reduction.branch_files import put_branch, take_branch
+from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.mode_changes import ModeChanges
-from pgmp_petsc.reduction.parameter_points import ParameterPoints
-from pgmp_petsc.reduction.branch_files import put_branch, take_branch
+from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.second_order import SecondOrderTables
-from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.shape_files import put_shape, take_shape
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, put, shapes_of, take, write_file
-from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
-    import h5py
-
     from pgmp_petsc.reduction.length_family import LengthFamily
+
+
+@dataclass(frozen=True)
+class ParameterPoints:
+    """The points of a greedy choice.
+
+    Attributes
+    ----------
+    values
+        Values of the parameters, shape (n_points,) each.
+    missed
+        Largest share of the energy norm that the basis misses at any candidate: before, and with each further point.
+    n_vectors
+        Number of vectors that the basis takes from them.
+    """
+
+    values: dict[str, np.ndarray]
+    missed: np.ndarray
+    n_vectors: int
+
+    @property
+    def points(self) -> list[dict[str, float]]:
+        """The points one by one."""
+        n_points = len(self.missed) - 1
+        return [{name: float(column[k]) for name, column in self.values.items()} for k in range(n_points)]
+
+    @classmethod
+    def none(cls) -> ParameterPoints:
+        """Return no points."""
+        return cls({}, np.ones(1), 0)
+
 
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
 CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"

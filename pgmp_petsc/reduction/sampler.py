@@ -14,9 +14,8 @@ from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
-from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
-from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]

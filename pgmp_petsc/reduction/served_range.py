@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.remarks import Remark, warning
+from pgmp_petsc.runtime.errors import InputError, Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.spanning_values import spanning_values

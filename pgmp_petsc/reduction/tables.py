@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, congruent
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.second_order import SecondOrderTables, congruent
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import numpy as np
 
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.figures.trajectories import Comparison
-from pgmp_petsc.report.datum import Datum, Sentence, in_words
-from pgmp_petsc.report.sources import Build, Source
+from pgmp_petsc.report.sources import Build, Datum, Sentence, Source, in_words
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.errors import OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import percent, share_text

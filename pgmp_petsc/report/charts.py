@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from pgmp_petsc.figures.bands import COLOURS, pairs_of
+from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
 from pgmp_petsc.figures.style import (
     PALETTE,
     QUIET,
@@ -27,7 +27,7 @@ from pgmp_petsc.figures.style import (
     span,
     styled,
 )
-from pgmp_petsc.report.datum import in_words
+from pgmp_petsc.report.sources import in_words
 from pgmp_petsc.results import (
     Balance,
     Band,

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc import __version__
-from pgmp_petsc.report.datum import sentence_case
 from pgmp_petsc.report.section import section_of
-from pgmp_petsc.report.sources import compact_json, read_sources
+from pgmp_petsc.report.sources import compact_json, read_sources, sentence_case
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.runtime.claims import check_output

@@ -3,20 +3,20 @@
 In a reduced model whose effects were chosen (``effects = "auto"``) they are the group ``effects``: ``shares`` (n), with
 the attributes ``tolerance``, ``exchanged`` (J), ``names``, ``kinds``, ``keeps``, ``measures``, ``speeds`` (rad/s) and
 ``warnings``, all JSON.
+
+The assembled mechanism as it stands at the start: what a picture of a scene needs.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import h5py
 import numpy as np
 
+from pgmp_petsc.results.trajectory import Frames
 from pgmp_petsc.runtime.files import put, take
-
-if TYPE_CHECKING:
-    import h5py
 
 
 @dataclass(frozen=True)
@@ -117,3 +117,26 @@ class EffectSizes:
             float(attributes["exchanged"]),
             tuple(json.loads(attributes["warnings"])),
         )
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Undeformed bodies at one configuration, with the names of what is on them.
+
+    Parameters
+    ----------
+    scene : str
+        Name of the scene.
+    configuration : str
+        In words: ``theta = 0 rad``.
+    frames : Frames
+        One frame: where the bodies are.
+    joints, points : dict of str to ndarray, shape (d,)
+        Places of joints and of named points (``crank:tip``, ``ground:origin``), m.
+    """
+
+    scene: str
+    configuration: str
+    frames: Frames
+    joints: dict[str, np.ndarray]
+    points: dict[str, np.ndarray]

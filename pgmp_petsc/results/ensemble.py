@@ -89,11 +89,10 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.results.balance import BALANCE
-from pgmp_petsc.results.errors import OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.corrected import Joined
+from pgmp_petsc.results.errors import OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
-from pgmp_petsc.results.sensitivity import Sensitivity
-from pgmp_petsc.results.statistics import Band, Chance, Statistics
+from pgmp_petsc.results.statistics import Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.results.stopping import Stopping, read_stopping
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 

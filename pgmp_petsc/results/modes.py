@@ -13,6 +13,8 @@ dataset                         shape                  content
 ``/full/frequencies_hz``        (n_theta, n_modes)     full-order model
 ``/reduced/frequencies_hz``     (n_theta, n_modes)     reduced model, where given; its n_modes may differ
 =============================== ====================== =======================================================
+
+One mode of vibration of a mechanism at a configuration, as it can be seen.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.layout import check_shape
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
@@ -83,3 +86,31 @@ class ModesTable:
                 reduced_hz=take(file, reduced, 2) if reduced in file else None,
                 coordinate_units=coordinate_units,
             )
+
+
+@dataclass(frozen=True)
+class ModeShape:
+    """A mode.
+
+    Parameters
+    ----------
+    record : RunRecord
+        Of the reduced model that it is of.
+    number : int
+        From 1, rigid motion left out.
+    frequency_hz : float
+    configuration : str
+        In words: ``theta = 0 rad``.
+    fields : dict of str to BodyField
+        One frame: ``positions`` are those of the undeformed body, ``deformation`` is the displacement of the mode, 1 m
+        at its largest, and quantities are those of that displacement.
+    notes : tuple of str
+        What is left out.
+    """
+
+    record: RunRecord
+    number: int
+    frequency_hz: float
+    configuration: str
+    fields: dict[str, BodyField]
+    notes: tuple[str, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pgmp_petsc.results.derivatives import Derivatives
-from pgmp_petsc.results.design import Design
+from pgmp_petsc.results.designs import Design
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.modes import ModesTable

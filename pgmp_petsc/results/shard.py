@@ -22,8 +22,8 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.results.layout import check_model, take_known
+from pgmp_petsc.runtime.errors import Remark, from_json, to_json
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
-from pgmp_petsc.runtime.remarks import Remark, from_json, to_json
 
 KIND = "shard"
 

@@ -41,8 +41,8 @@ import json
 import os
 from dataclasses import dataclass, field
 
-import numpy as np
 import h5py
+import numpy as np
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.body_fields import BodyField, read_fields, write_fields

@@ -27,11 +27,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note
 from pgmp_petsc.runtime.files import replacing
-from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.remarks import Remark, note
-from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, sealed
+from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
 LABEL = "run.json"

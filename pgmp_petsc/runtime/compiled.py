@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import environment, event, sigutils
 from llvmlite import binding
+from numba.core import environment, event, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime import _nrt_python
 

@@ -2,20 +2,23 @@
 
 Reduced models run without them: this process alone is then the communicator (`runtime.one_rank`), and a plain loop
 drives the integration (`dynamics.drivers`). docs/without_petsc.md says what works so.
+
+A communicator of this process alone, for a Python without MPI.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.one_rank import OneRank
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 OF_PETSC = ("petsc4py", "slepc4py", "mpi4py")  # PETSc is handed communicators of mpi4py
 CURE = "a ROM.h5 built where they are runs here; scripts/setup of the sources installs them (docs/without_petsc.md)"
@@ -97,3 +100,49 @@ def _is_there(name: str) -> bool:
         return find_spec(name) is not None
     except (ImportError, ValueError):
         return False
+
+
+class OneRank:
+    """What programs here ask of a communicator of mpi4py, with one rank; nothing is sent, and nothing waits.
+
+    What several ranks alone do (messages between ranks, reductions with an operation of MPI) is not here: it is asked
+    for where ``size`` is larger than 1.
+
+    Attributes
+    ----------
+    rank, size
+        0 and 1.
+    """
+
+    rank, size = 0, 1
+
+    def Dup(self) -> OneRank:  # noqa: N802 (MPI's name, as are the others)
+        """Return another communicator of the same rank."""
+        return OneRank()
+
+    def Split(self, color: int = 0, key: int = 0) -> OneRank:  # noqa: N802
+        """Return the communicator of this rank's color."""
+        return OneRank()
+
+    def Free(self) -> None:  # noqa: N802
+        """Give nothing back: nothing is held."""
+
+    def Abort(self, errorcode: int = 0) -> NoReturn:  # noqa: N802
+        """End the process."""
+        sys.exit(errorcode)
+
+    def bcast(self, obj: Any, root: int = 0) -> Any:
+        """Return what the root has."""
+        return obj
+
+    def gather(self, sendobj: Any, root: int = 0) -> list[Any]:
+        """Return what all ranks have."""
+        return [sendobj]
+
+    def allgather(self, sendobj: Any) -> list[Any]:
+        """Return what all ranks have."""
+        return [sendobj]
+
+    def allreduce(self, sendobj: Any, op: object = None) -> Any:
+        """Return the sum, or another reduction, over all ranks."""
+        return sendobj

@@ -21,8 +21,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES, blend, exceeding, vector
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES, blend, exceeding, vector
 
 WIDE = (0.0,) * LANES
 

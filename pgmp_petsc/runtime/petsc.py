@@ -2,6 +2,10 @@
 
 PETSc and SLEPc start together, on all ranks: starting SLEPc registers one more collective clean-up for the end of
 Python, so a rank that never solves an eigenproblem would leave the others waiting there.
+
+Named events for PETSc's own log: ``pgmp ... -- -log_view`` shows what an effect takes of a run.
+
+An event exists from its first use on: what a scene does not name never appears.
 """
 
 from __future__ import annotations
@@ -12,7 +16,8 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
 from itertools import takewhile
 from typing import TYPE_CHECKING
 
@@ -22,6 +27,7 @@ from pgmp_petsc.runtime.surroundings import check_working_folder, held_back_stde
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 #: Which options reach what; each stands in the module that makes the solver. docs/petsc_options.md explains them.
 PREFIXES = {
@@ -275,3 +281,13 @@ def reason_of(error: Exception) -> str:
     """Return the last line of what PETSc says, which tells what it got."""
     lines = [line.removeprefix("[0]").strip() for line in str(error).splitlines() if line.strip()]
     return lines[-1] if lines else type(error).__name__
+
+
+@cache
+def log_event(name: str) -> AbstractContextManager:
+    """Return the event ``pgmp_<name>``, to be entered with ``with``; without PETSc nobody takes note of it."""
+    if not has_petsc():
+        return nullcontext()
+    from petsc4py import PETSc
+
+    return PETSc.Log.Event(f"pgmp_{name}")

@@ -1,22 +1,41 @@
-"""Checks of effects against the rest of a scene: joints and points of the right kind, mutually exclusive effects."""
+"""Checks of effects against the rest of a scene: joints and points of the right kind, mutually exclusive effects.
+
+Loads whose values over time name parameters, as several loads: numbers, and one for each parameter.
+
+A function of time whose values are numbers or parameters is affine in the parameters,
+
+    f(t, p) = f_0(t) + sum_k p_k f_k(t),
+
+where f_0 has the numbers with zeros in place of the names, and f_k ones where p_k is named and zeros elsewhere. Each
+is a load of its own with a function that holds numbers alone, and p_k for its `scale`: what models, samples and
+derivatives know of loads holds for it as it is.
+
+The impulse of a table over time, and what the integrator sees of it: the trapezoidal rule on its steps.
+
+A table is linear between its rows, so that the rule is exact in every step without a row inside: whatever the number of
+steps, only those with rows are looked at.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.runtime.errors import nearest_name
+import numpy as np
+
 import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.scene.effects import Effect, Force, Torque
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.impulses import impulse_of
 from pgmp_petsc.scene.joints import Cylindrical, are_parallel, joints_with
-from pgmp_petsc.scene.load_parts import parts_of
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import stop_ends
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
+
 
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
@@ -270,3 +289,111 @@ def _halves(scene: Scene) -> Iterator[str]:
             f"leaves out the forces by velocities whose stiffening {reason} asks for; keep them, or leave out both",
             False,
         )
+
+
+HARMONIC = ("amplitude", "mean")
+
+
+def parts_of(name: str, effect: Effect) -> dict[str, Effect]:
+    """Return the loads that an effect is made of; any other effect as it is.
+
+    Several are named after the effect and their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's
+    name, and so has one that is alone.
+    """
+    if not isinstance(effect, (Torque, Force)):
+        return {name: effect}
+    parameters = effect.parameters_over_time
+    if not parameters:
+        return {name: effect}
+    parts: dict[str, Effect] = {} if _is_zero(effect) else {name: _part(effect, None)}
+    for parameter in parameters:
+        parts[_own_name(name, parameter)] = _part(effect, parameter)
+    return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
+
+
+def part_problems(scene: Scene) -> Iterator[str]:
+    """Yield a line for each effect that has the name of a part of another one."""
+    for name, effect in scene.effects.items():
+        for part in parts_of(name, effect):
+            if part != name and part in scene.effects:
+                yield problem(f"effects.{part}", f"a part of effects.{name} has this name; give it another one")
+
+
+def _own_name(name: str, parameter: str) -> str:
+    return f"{name}_{parameter}"
+
+
+def _is_zero(effect: Torque | Force) -> bool:
+    """Return whether all values that are numbers are zero."""
+    return not any(value for _, value in effect.values_over_time if not isinstance(value, str))
+
+
+def _part(effect: Torque | Force, parameter: str | None) -> Torque | Force:
+    """Return the load of one parameter, or of the numbers."""
+
+    def value_of(value: float | str) -> float:
+        if parameter is None:
+            return 0.0 if isinstance(value, str) else value
+        return effect.scale if value == parameter else 0.0
+
+    if effect.harmonic is not None:
+        values = {key: value_of(getattr(effect.harmonic, key)) for key in HARMONIC}
+        changed = {"harmonic": effect.harmonic.model_copy(update=values)}
+    else:
+        changed = {"table": tuple((time, value_of(value)) for time, value in effect.table)}
+    return effect.model_copy(update=changed | ({} if parameter is None else {"scale": parameter}))
+
+
+@dataclass(frozen=True)
+class Impulse:
+    """Integrals of a table over a run, in its unit times s.
+
+    Attributes
+    ----------
+    exact, seen
+        Of the table, and of its values at the ends of steps by the trapezoidal rule.
+    whole
+        Of its magnitude.
+    largest
+        Largest magnitude at the end of a step, in the table's unit.
+    """
+
+    exact: float
+    seen: float
+    whole: float
+    largest: float
+
+
+def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:
+    """Return the impulse of a table of rows (time, value) over a run of `n_steps` equal steps.
+
+    Takes time and memory by the number of rows, not of steps.
+    """
+    times, values = np.array(table, dtype=float).T
+    step = duration / n_steps
+    inside = times[(times > 0.0) & (times < duration)]
+    first = np.clip(np.floor(inside / step), 0, n_steps - 1)  # the step that a row is in
+    ends = np.unique(np.concatenate([[0.0, duration], first * step, np.minimum((first + 1) * step, duration)]))
+    knots = np.union1d(ends, inside)
+
+    at_knots, at_ends = np.interp(knots, times, values), np.interp(ends, times, values)
+    return Impulse(
+        exact=float(_trapezoid(at_knots, knots)),
+        seen=float(_trapezoid(at_ends, ends)),
+        whole=float(_magnitude(at_knots, knots)),
+        largest=float(np.max(np.abs(at_ends))),
+    )
+
+
+def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:
+    return 0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at))
+
+
+def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
+    """Integrate the magnitude of what is linear between `at`, changes of sign included."""
+    a, b = values[:-1], values[1:]
+    turns = a * b < 0.0
+    total = np.abs(a) + np.abs(b)
+    # two triangles where the sign changes
+    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
+    return 0.5 * np.sum(share * np.diff(at))

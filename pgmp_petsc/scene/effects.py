@@ -8,7 +8,11 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
     Connection,
+    ConstantSpeed,
     Direction,
+    Harmonic,
+    LoadHarmonic,
+    LoadTable,
     Name,
     NotNegative,
     NotNegativeOrParameter,
@@ -16,12 +20,13 @@ from pgmp_petsc.scene.fields import (
     NumberOrParameter,
     Point,
     PositiveOrParameter,
+    SpinUp,
     Table,
+    TimeTable,
     exactly_one,
     no_parameter,
     refusal,
 )
-from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, LoadHarmonic, LoadTable, SpinUp, TimeTable
 
 TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "

@@ -1,20 +1,182 @@
-"""From a TOML file to a scene, and back to the resolved TOML that every result file carries."""
+"""From a TOML file to a scene, and back to the resolved TOML that every result file carries.
+
+Changes from the command line, on raw tables: `--override dotted.key=VALUE` and `--set NAME=VALUE`.
+
+Raw tables of a scene before they are validated: what no entry may hold, wherever it stands.
+
+Deep tables end in recursion, null bytes and lone surrogates in system calls and HDF5: they are refused here for all.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import stat
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import ValidationError
 
-from pgmp_petsc.scene.messages import explain
-from pgmp_petsc.scene.overrides import apply_overrides, apply_settings
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.random_fields import add_field_parameters
-from pgmp_petsc.scene.raw_tables import check_tables, parse, read_text, read_values
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.units import convert_parameters
+
+MOST_BYTES = 16_000_000  # of a scene's file
+LONGEST_TEXT = 10_000  # characters
+SHOWN_KEYS = 4  # of a path that is too deep
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a scene's file.
+
+    Raises
+    ------
+    InputError
+        If there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
+    """
+    try:
+        kind = path.stat()
+        if stat.S_ISDIR(kind.st_mode):
+            raise InputError(f"{path}: this is a directory; a scene is a TOML file")
+        if not stat.S_ISREG(kind.st_mode):
+            raise InputError(f"{path}: this is a device or a pipe; a scene is a TOML file")
+        if kind.st_size > MOST_BYTES:
+            raise InputError(
+                f"{path}: has {kind.st_size:,} bytes; a scene is a TOML file of at most {MOST_BYTES:,} bytes"
+            )
+        text = path.read_bytes().decode("utf-8")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such scene file{_beside(path)}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start}); a scene is a TOML file") from error
+    except (OSError, ValueError) as error:  # no permission, a loop of links, a name too long or with a null byte
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{shortened(str(path))}: the scene file cannot be read ({reason})") from error
+    return text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")  # some editors' mark of UTF-8
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; `source` begins the message.
+
+    Raises
+    ------
+    InputError
+        If it is no TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # tomllib's own, or Python's for an integer of thousands of digits
+        raise InputError(f"{source}: not valid TOML: {shortened(' '.join(str(error).split()))}") from error
+    except RecursionError as error:
+        raise InputError(f"{source}: tables or lists within each other, deeper than {DEEPEST}") from error
+
+
+def check_tables(data: Mapping[str, Any]) -> None:
+    """Refuse tables that are too deep, and texts too long or with characters that are none.
+
+    Raises
+    ------
+    InputError
+        Naming the entry.
+    """
+    waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
+    while waiting:
+        keys, value = waiting.pop()
+        if len(keys) > DEEPEST:
+            raise InputError(
+                problem(dotted_name(keys[:SHOWN_KEYS]), f"tables or lists within each other, deeper than {DEEPEST}")
+            )
+        if isinstance(value, Mapping):
+            for key, item in value.items():
+                _check_text(key, dotted_name(keys) or "the scene", "a key")
+                waiting.append(((*keys, key), item))
+        elif isinstance(value, list):
+            waiting += [((*keys, k), item) for k, item in enumerate(value)]
+        elif isinstance(value, str):
+            _check_text(value, dotted_name(keys), "a text")
+
+
+def _check_text(text: str, entry: str, what: str) -> None:
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"{shortened(entry)}: {what} of {len(text):,} characters; at most {LONGEST_TEXT:,} are taken")
+    if "\0" in text or not _encodable(text):
+        raise InputError(
+            f"{shortened(entry)}: {what} with characters that no file takes (null, or bytes that are no UTF-8): "
+            f"{toml_text(text)}"
+        )
+
+
+def _encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _beside(path: Path) -> str:
+    try:
+        beside = [candidate.name for candidate in path.parent.glob("*.toml")]
+    except OSError:
+        beside = []
+    return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
+
+
+def read_values(data: Mapping[str, Any], directory: Path) -> None:
+    """Put the numbers of a file in the place of its name, in ``values`` of distributions: a scene carries all it is of.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is no number.
+    """
+    parameters = data.get("parameters")
+    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
+        law = parameter.get("distribution") if isinstance(parameter, dict) else None
+        _read_law(law, f"parameters.{name}.distribution", directory)
+
+
+def _read_law(law: object, entry: str, directory: Path) -> None:
+    if not isinstance(law, dict):
+        return
+    if isinstance(law.get("values"), str):
+        law["values"] = _numbers_of(law["values"], f"{entry}.values", directory)
+    parts = law.get("of")
+    for number, part in enumerate(parts if isinstance(parts, list) else ()):
+        _read_law(part, f"{entry}.of[{number}]", directory)
+
+
+def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
+    """Return the numbers of a file, one a line, behind a name in the first line or none."""
+    try:
+        path = directory / name
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(problem(entry, "no text file in UTF-8", name)) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        sought = f"it is sought in {directory}"
+        raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
+    numbers: list[float] = []
+    for line, row in enumerate(text.splitlines(), 1):
+        cell = row.strip().strip('"')
+        if not cell:
+            continue
+        try:
+            numbers.append(float(cell))
+        except ValueError as error:
+            if line == 1 and "," not in cell and ";" not in cell:
+                continue  # the name of the column
+            raise InputError(
+                problem(entry, f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line", name)
+            ) from error
+    return numbers
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
@@ -71,3 +233,110 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
         return Scene.model_validate(data, context={"directory": directory, "units": given})
     except ValidationError as error:
         raise explain(error, Scene) from error
+
+
+def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
+    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
+
+    Raises
+    ------
+    InputError
+        If the key or the value is not TOML, or if the key leads through something that is not a table.
+    """
+    for override in overrides:
+        keys, value = _parse_override(override)
+        table = data
+        for depth, key in enumerate(keys[:-1], start=1):
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise InputError(
+                    f"--override {shortened(override)}: {dotted_name(keys[:depth])} is not a table, so it has no key "
+                    f"'{keys[depth]}'; override {dotted_name(keys[:depth])} itself"
+                )
+        table[keys[-1]] = value
+
+
+def apply_settings(data: dict[str, Any], settings: Sequence[str]) -> None:
+    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter or the value is not a finite number.
+    """
+    for setting in settings:
+        name, equals, text = (part.strip() for part in setting.partition("="))
+        if not (name and equals):
+            raise InputError(f"--set {shortened(setting)}: NAME=VALUE is needed, such as --set r1=5e-3")
+        parameters = data.get("parameters", {})
+        if not isinstance(parameters, dict) or not isinstance(parameters.get(name, {}), dict):
+            return  # the validation of the scene says what is wrong with its parameters
+        if name not in parameters:
+            raise InputError(
+                f"--set {shortened(setting)}: the scene has no parameter '{name}'{nearest_name(name, parameters)}"
+            )
+        parameters[name]["value"] = _finite(setting, text)
+
+
+def _finite(setting: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        needed = "the number of SI units alone is needed"
+        raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number; {needed}")
+    return value
+
+
+def _parse_override(override: str) -> tuple[list[str], Any]:
+    """Split ``dotted.key=VALUE`` at the first equals sign that leaves a TOML key before it."""
+    if "=" not in override:
+        raise InputError(
+            f"--override {shortened(override)}: dotted.key=VALUE is needed, such as --override reduction.modes=10"
+        )
+    position = override.find("=")
+    while position >= 0:
+        keys = _parse_key(override[:position])
+        if keys:
+            if len(keys) > DEEPEST:
+                raise InputError(
+                    f"--override {shortened(override)}: a key of {len(keys)} names; a scene's entries are at most "
+                    f"{DEEPEST} deep"
+                )
+            return keys, _parse_value(override, override[position + 1 :])
+        position = override.find("=", position + 1)
+    raise InputError(
+        f"--override {shortened(override)}: '{shortened(override.partition('=')[0])}' is not a dotted key of TOML; "
+        "an example is reduction.modes=10"
+    )
+
+
+def _parse_key(text: str) -> list[str]:
+    """Return the keys of a dotted TOML key, empty if it is none."""
+    if "\n" in text:
+        return []
+    try:
+        table = tomllib.loads(f"{text} = 0")
+    except (ValueError, RecursionError):
+        return []
+    keys = []
+    while isinstance(table, dict) and table:
+        ((key, table),) = table.items()
+        keys.append(key)
+    return keys
+
+
+def _parse_value(override: str, text: str) -> Any:
+    try:
+        table = tomllib.loads(f"value = {text.strip()}")
+    except (ValueError, RecursionError):
+        table = {}
+    if list(table) != ["value"]:
+        key = override[: len(override) - len(text) - 1].strip()
+        raise InputError(
+            f"--override {shortened(override)}: '{shortened(text.strip())}' is not a TOML value; text needs quotes, as "
+            "in "
+            f"--override '{shortened(key)}=\"text\"'"
+        )
+    return table["value"]

@@ -1,4 +1,7 @@
-"""Checks across tables: names that entries refer to exist and are of the right kind, and values fit."""
+"""Checks across tables: names that entries refer to exist and are of the right kind, and values fit.
+
+Checks that entries belong to where the mechanism moves: the plane, or space where bodies are beam3d or solid3d.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,15 @@ from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effect_checks import SLIDING, TURNING, effect_problems, joint_problems, points_problems
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import Revolute
+from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import Angle, Distance, Sliding, Stress
-from pgmp_petsc.scene.space_checks import space_problems
 from pgmp_petsc.scene.stress_checks import stress_problems
 from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
+
 
 MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after the other: some seconds
 DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule; rad that nobody gives as such a range
@@ -187,3 +190,77 @@ def _point(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterat
 
 def _unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
     return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
+
+
+def space_problems(scene: Scene) -> Iterator[str]:
+    """Yield one line for each entry that does not fit the space."""
+    space = scene.dimension == 3
+    yield from _vectors(scene)
+    yield from _in_space(scene) if space else _in_the_plane(scene)
+
+
+def _vectors(scene: Scene) -> Iterator[str]:
+    """Yield points and directions with the wrong number of components."""
+    n = scene.dimension
+    entries = {f"ground.points.{name}": point for name, point in scene.ground.points.items() if any(point)}
+    for name, body in scene.bodies.items():
+        if body.placement is not None and any(body.placement.origin):
+            entries[f"bodies.{name}.placement.origin"] = body.placement.origin
+    for table in ("joints", "effects"):
+        for name, entry in getattr(scene, table).items():
+            direction = getattr(entry, "direction", None)
+            if direction is not None and "direction" in entry.model_fields_set:
+                entries[f"{table}.{name}.direction"] = direction
+    for entry, value in entries.items():
+        if len(value) != n:
+            words = (
+                "two numbers (x, y) are needed in the plane"
+                if n == 2
+                else "three numbers (x, y, z) are needed in space"
+            )
+            yield problem(entry, words, list(value))
+
+
+def _in_the_plane(scene: Scene) -> Iterator[str]:
+    for name, joint in scene.joints.items():
+        if joint.type not in PLANAR_JOINTS:
+            allowed = ", ".join(PLANAR_JOINTS)
+            yield problem(
+                f"joints.{name}.type", f"for mechanisms in space (allowed in the plane: {allowed})", joint.type
+            )
+        elif joint.type == "revolute" and joint.axis is not None:
+            yield problem(
+                f"joints.{name}.axis", "for mechanisms in space; in the plane the axis is z", list(joint.axis)
+            )
+    for name, body in scene.bodies.items():
+        if body.placement is not None and body.placement.rotation is not None:
+            rotation = list(body.placement.rotation)
+            yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
+    for name, output in scene.outputs.items():
+        if getattr(output, "axis", "x") == "z":
+            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
+
+
+def _in_space(scene: Scene) -> Iterator[str]:
+    for name, body in scene.bodies.items():
+        if body.dimension == 2:
+            others = ", ".join(
+                f"{other} ({entry.element})" for other, entry in scene.bodies.items() if entry.dimension == 3
+            )
+            yield problem(
+                f"bodies.{name}.element",
+                f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d",
+                body.element,
+            )
+        if body.placement is not None and body.placement.angle:
+            yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)
+    for name, joint in scene.joints.items():
+        if joint.type == "revolute" and joint.axis is None:
+            yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")
+    for name, effect in scene.effects.items():
+        if effect.type == "gravity" and "direction" not in effect.model_fields_set:
+            yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
+    for name, output in scene.outputs.items():
+        if output.type == "rotation":
+            why = "a rotation in space is no single number; take the angle of a joint"
+            yield problem(f"outputs.{name}.type", why, output.type)

@@ -1,4 +1,7 @@
-"""Checks of stress outputs against the bodies that they name; places on a mesh are checked where there is a mesh."""
+"""Checks of stress outputs against the bodies that they name; places on a mesh are checked where there is a mesh.
+
+The points of bodies that a scene names: where its joints, effects and outputs hold.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.scene.fields import split_point
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body
     from pgmp_petsc.scene.schema import Scene
+
 
 PLACES = ("at", "group", "region")
 
@@ -65,3 +70,22 @@ def _place(entry: str, output: Stress, body: Body) -> Iterator[str]:
     if output.region is not None and not body.continuum:
         why = f"a {body.element} has no regions; take at or group, or leave it out for the whole body"
         yield problem(f"{entry}.region", why, output.region)
+
+
+def points_used(scene: Scene, body: str) -> dict[str, str]:
+    """Return the points of a body that the scene names, each with the entry that names it first."""
+    addresses: list[tuple[str, str]] = []
+    for name, joint in scene.joints.items():
+        addresses += [(address, f"joints.{name}.connect") for address in joint.connect]
+    for table in ("effects", "outputs"):
+        for name, entry in getattr(scene, table).items():
+            for key in ("point", "points", "towards"):
+                value = getattr(entry, key, None)
+                named = (value,) if isinstance(value, str) else value or ()
+                addresses += [(address, f"{table}.{name}.{key}") for address in named]
+    found: dict[str, str] = {}
+    for address, entry in addresses:
+        owner, point = split_point(address)
+        if owner == body:
+            found.setdefault(point, entry)
+    return found

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.runtime.files import replacing
-from pgmp_petsc.scene.raw_tables import parse
+from pgmp_petsc.scene.loading import parse
 
 ENDING = ".toml"
 _FOLDER = resources.files("pgmp_petsc.scene") / "templates"

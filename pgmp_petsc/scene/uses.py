@@ -1,16 +1,19 @@
-"""Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have."""
+"""Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have.
+
+What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import pgmp_petsc.scene.effects as kinds
-from pgmp_petsc.scene.slides import slides
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
+
 
 Sign = Literal["positive", "not negative", "any"]
 
@@ -150,3 +153,12 @@ def stop_ends(scene: Scene) -> Iterator[tuple[str, float | str, float | str]]:
     for name, effect in scene.effects.items():
         if isinstance(effect, kinds.EndStop) and None not in (effect.lower, effect.upper):
             yield name, effect.lower, effect.upper
+
+
+def slides(scene: Scene, entry: Any) -> bool:
+    """Whether an effect or output acts along a line: between two points, or on a joint that slides."""
+    if getattr(entry, "points", None) is not None:
+        return True
+    joint = scene.joints.get(getattr(entry, "joint", None))
+    motions = () if joint is None else joint.motions
+    return getattr(entry, "motion", None) == "sliding" if len(motions) > 1 else motions == ("sliding",)

@@ -3,6 +3,9 @@
 Each load is one batch of all samples. Loads are dealt to the ranks, and a candidate is built by all of them; what a
 load leaves stays on its rank, and only errors are gathered, so that every rank decides on the same figures and the
 number of ranks has no part in them.
+
+Reduced models of candidates: the latest stay in memory, as many as fit; an earlier one is built again when it is
+wanted. Few are: errors and histories are kept with the trials themselves, and are small.
 """
 
 from __future__ import annotations
@@ -16,8 +19,7 @@ import numpy as np
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
-from pgmp_petsc.experiments.reference import Reference
-from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.experiments.reference import Reference, Subject
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
@@ -30,7 +32,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Initial, Reduction
-from pgmp_petsc.selection.shelf import Shelf
 from pgmp_petsc.selection.training import Load, Training, with_softer_stops
 from pgmp_petsc.selection.trial import Errors, Trial
 
@@ -369,3 +370,51 @@ class Bench:
         every = {name: item for part in self.comm.allgather(mine) for name, item in part.items()}
         values, round_off = (np.array([every[name][k] for name in names]) for k in (0, 1))
         return Errors(values, round_off, names, self.outputs, self.training)
+
+
+#: Of all models on the shelf together; tables of second order grow with the third power of the flexible coordinates.
+MOST_BYTES = 2**29
+
+
+class Shelf:
+    """Models by their reduction. The same on all ranks, which put and take the same models in the same order.
+
+    Parameters
+    ----------
+    build
+        Builds a model; collective.
+    most_bytes
+        That all models may have together; the latest one stays, however large.
+    """
+
+    def __init__(self, build: Callable[[Reduction], ReducedOrderModel], most_bytes: int = MOST_BYTES) -> None:
+        self._build, self._most = build, most_bytes
+        self._models: dict[str, tuple[ReducedOrderModel, int]] = {}
+
+    def put(self, reduction: Reduction, rom: ReducedOrderModel) -> None:
+        """Keep a model, and let the oldest ones go."""
+        self._models[_key(reduction)] = rom, bytes_of(rom)
+        while len(self._models) > 1 and sum(size for _, size in self._models.values()) > self._most:
+            del self._models[next(iter(self._models))]
+
+    def take(self, reduction: Reduction) -> ReducedOrderModel:
+        """Return a model that was put here before. Collective where it has to be built again."""
+        kept = self._models.pop(_key(reduction), None)
+        rom = self._build(reduction) if kept is None else kept[0]
+        self.put(reduction, rom)
+        return rom
+
+
+def bytes_of(item: object) -> int:
+    """Return the bytes of all arrays in dataclasses, mappings and sequences within an object."""
+    if isinstance(item, np.ndarray):
+        return item.nbytes
+    if isinstance(item, Mapping):
+        return sum(map(bytes_of, item.values()))
+    if isinstance(item, (tuple, list)):
+        return sum(map(bytes_of, item))
+    return sum(map(bytes_of, vars(item).values())) if hasattr(item, "__dict__") else 0
+
+
+def _key(reduction: Reduction) -> str:
+    return reduction.model_dump_json()

@@ -23,8 +23,7 @@ import numpy as np
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.experiments.finished import Finished
-from pgmp_petsc.experiments.reference import Demand, choose_reference, distance_from_mesh
-from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.experiments.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -35,13 +34,19 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import MOST_CONDENSED, Limits
-from pgmp_petsc.selection.ledger import REDUCTION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step import AHEAD, FIRST_PER_PERIOD, MOST_ANYWAY, SEEN, first_steps
-from pgmp_petsc.selection.step_choice import EARLY_PER_PERIOD, StepChoice
+from pgmp_petsc.selection.step_choice import (
+    AHEAD,
+    EARLY_PER_PERIOD,
+    FIRST_PER_PERIOD,
+    MOST_ANYWAY,
+    SEEN,
+    StepChoice,
+    first_steps,
+)
 from pgmp_petsc.selection.training import Training
-from pgmp_petsc.selection.trial import Trial
+from pgmp_petsc.selection.trial import REDUCTION, Ledger, Trial
 
 if TYPE_CHECKING:
     import h5py

@@ -11,20 +11,19 @@ import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.candidates import CandidatePrices
 from pgmp_petsc.selection.ladder import (
     ANGLES,
     FIRST_ANGLES,
     SCHEMES,
+    CandidatePrices,
     Limits,
     Rung,
     by_distance_from_middle,
     families_of,
     first_passing,
 )
-from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of, shares_shifted
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
-from pgmp_petsc.selection.trial import Errors, Trial
+from pgmp_petsc.selection.trial import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")

@@ -11,9 +11,8 @@ import numpy as np
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.effects import Force, Gravity, Torque
 from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.ledger import Ledger
 from pgmp_petsc.selection.training import sets_in_at_once, stops_of
-from pgmp_petsc.selection.trial import Trial
+from pgmp_petsc.selection.trial import Ledger, Trial
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause

@@ -19,7 +19,7 @@ import numpy as np
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EndStop, Force, PrescribedMotion, Torque
-from pgmp_petsc.scene.time_functions import LoadHarmonic
+from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
 PULSE = 1.6

@@ -13,7 +13,7 @@ from pgmp_petsc.effects import loads_of
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.balance import Balance
-from pgmp_petsc.runtime.remarks import Remark, warning
+from pgmp_petsc.runtime.errors import Remark, warning
 
 # Of the most energy that was moved around: runs whose steps resolve what goes on stay below a hundredth while it is
 # turned over once. What is left over adds up with every time that it is, as errors do; half of it is never right.

@@ -30,8 +30,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import extremes, length_names
 from pgmp_petsc.selection.choice import leaves_open
 from pgmp_petsc.selection.length_choice import choose_over_lengths
-from pgmp_petsc.studies.effect_choice import choose_effects
-from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
+from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
 
 Said = Callable[[str], None]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -17,8 +17,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.studies.fitting import ends_of, limits_of
-from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
-from pgmp_petsc.studies.turned_back import TurnedBack
+from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -12,6 +12,12 @@ that run:
 
 For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it
 would matter.
+
+``effects = "auto"``: the effects of a scene that matter, by the estimate of `effect_sizes`.
+
+Left out are named effects whose share is below the tolerance, other than those that a scene is about (loads that drive
+it, masses, stops). Of the reduced model's own terms, forces by velocities and what is of second order in the
+deformation come and go by their size. No load is ever added that the scene does not name: the report warns of those.
 """
 
 from __future__ import annotations
@@ -22,25 +28,26 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
+from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.sampler import TurnedLoads
+from pgmp_petsc.reduction.static_loads import InfluenceProbe
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
-from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.errors import PgmpError, Remark, note, warning
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.installed import alone
-from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.load_parts import parts_of
+from pgmp_petsc.scene.effect_checks import parts_of
+from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.scene.unit_systems import SI, unit_system
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
@@ -329,3 +336,48 @@ def _is_missing(scene: Scene, size: EffectSize) -> bool:
     """Return whether an effect of known size matters and is not in the scene."""
     left_out = not present_terms(scene)[size.kind] if size.kind in TERMS else not size.name
     return bool(left_out and size.keeps and not np.isnan(size.share))
+
+
+def choose_effects(
+    scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
+) -> tuple[Scene, EffectSizes]:
+    """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
+
+    Parameters are those of `estimate_effects`.
+
+    Raises
+    ------
+    InputError, RunError
+        As `estimate_effects`.
+    """
+    sizes = estimate_effects(scene, meshes, shapes=shapes)
+    keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
+    kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
+    effects = {name: effect for name, effect in scene.effects.items() if name in kept}
+    given = {effect.type: (name, effect) for name, effect in scene.effects.items() if effect.type in TERMS}
+    wanted = []
+    if not keeps["gyroscopic"]:
+        wanted.append(Gyroscopic(type="gyroscopic", keep=False))
+    second_order = scene.reduction.second_order
+    if not second_order and keeps["geometric_stiffening"]:
+        stretching = "static" if all(_has_long_axis(shape) for shape in shapes.values()) else "dynamic"
+        stiffening = GeometricStiffening(type="geometric_stiffening", stretching=stretching)
+        wanted += [stiffening, ModeInertia(type="mode_inertia")]
+    for term in wanted:
+        name, effect = given.get(term.type, (_free_name(term.type, effects), term))
+        effects[name] = term if term.type == "gyroscopic" else effect
+    reduction = scene.reduction.model_copy(
+        update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
+    )
+    return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
+
+
+def _has_long_axis(shape: BodyShape) -> bool:
+    """Return whether static stretching of a body is told from its bending."""
+    return not isinstance(shape, Component) or shape.large is None or shape.large.slender
+
+
+def _free_name(wanted: str, taken: Mapping[str, object]) -> str:
+    while wanted in taken:
+        wanted += "_"
+    return wanted

@@ -33,17 +33,16 @@ from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
+from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.studies.goals import TurnedBack
 from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.studies.sensitivities import contact_remarks
-from pgmp_petsc.studies.turned_back import TurnedBack
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -412,7 +411,10 @@ class _Fitting:
         if known is None:
             return (not_known(self._model.scene, "the estimates"),)
         row = np.concatenate([known[name] / sigma[k] for k, name in enumerate(self._history.outputs)])
-        moved = np.linalg.lstsq(slopes.reshape(-1, self._scale.size) * self._scale, row, rcond=NO_DIRECTION)[0] * self._scale
+        moved = (
+            np.linalg.lstsq(slopes.reshape(-1, self._scale.size) * self._scale, row, rcond=NO_DIRECTION)[0]
+            * self._scale
+        )
         # y - e follows the data with values that differ by the step that e asks for
         figures = [
             (name, solution.values[name], solution.values[name] + float(step), float(error))

@@ -10,8 +10,10 @@
     history     = output | "abs" "(" output ")"
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
-(`results/vertex.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
+(`results/derivatives.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
 the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
+
+Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
-from pgmp_petsc.results.vertex import Vertex, vertex
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.results.derivatives import Vertex, vertex
+from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, warning
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
@@ -320,3 +322,37 @@ def _joined(sign: str, left: Expression, right: Expression) -> Expression:
     }
     operation = operations[sign]
     return lambda outcome: operation(left(outcome), right(outcome))
+
+
+@dataclass
+class TurnedBack:
+    """What a search turned back from.
+
+    Attributes
+    ----------
+    count
+        How often.
+    first
+        The first place and the reason, in words.
+    """
+
+    count: int = 0
+    first: str = ""
+
+    def add(self, error: PgmpError) -> None:
+        """Take in one more."""
+        self.count, self.first = self.count + 1, self.first or str(error)
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What the reader of a result has to know."""
+        if not self.count:
+            return ()
+        often = "once" if self.count == 1 else f"{self.count} times"
+        return (
+            warning(
+                f"the search turned back {often} from where no run comes to its end, first {self.first}; what lies "
+                "beyond was not searched, and what was found may stand at its edge: begin there (--set), or let bounds "
+                "leave such places out"
+            ),
+        )

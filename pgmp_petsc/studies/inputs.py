@@ -1,20 +1,23 @@
-"""Reading what a computation starts from, on one rank for all."""
+"""Reading what a computation starts from, on one rank for all.
+
+Models of a scene that are ready to run: of what was read, with the step that a tolerance asks for.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
-
+from typing import TYPE_CHECKING, TypeVar
 
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.served_range import check_served, served_ranges
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
@@ -23,6 +26,7 @@ from pgmp_petsc.studies.plausibility import plausibility
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
@@ -154,3 +158,36 @@ def _refuse(entry: str, name: object) -> None:
         "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
         "correlation, and the numbers of loads, joints' forces and motions may be changed"
     )
+
+
+#: What a scene is read for, by the name of the model.
+PURPOSES = {"full": Purpose.FULL, "components": Purpose.COMPONENTS}
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: MPI.Comm) -> ReducedModel:
+    """Return the reduced model of a scene. Collective on `comm`."""
+    with agreed(comm, "preparing the reduced model"):
+        return ReducedModel(scene, rom)
+
+
+def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: MPI.Comm) -> Model:
+    """Return the full-order or the component model (`PURPOSES`) of a scene. Collective on `comm`."""
+    if name == "components":
+        from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
+
+        return component_model(scene, meshes, comm)
+    with agreed(comm, "preparing the full-order model"):
+        return FullModel(scene, meshes)
+
+
+def settled(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+    """Return a model with the step that ``simulation.tolerance`` asks for, and what is to be said of it.
+
+    As it is, and nothing to say, where there is no tolerance. Collective on `comm`; raises as `settle_step`.
+    """
+    if model.scene.simulation.tolerance is None:
+        return model, ""
+    from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+
+    return settle_step(model, comm, ensemble)

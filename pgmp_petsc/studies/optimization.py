@@ -21,13 +21,12 @@ import numpy as np
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
+from pgmp_petsc.results.designs import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.design_figures import DesignFigures, Question

@@ -12,7 +12,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.settled_start import require_settled
+from pgmp_petsc.dynamics.static_equilibrium import require_settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -15,13 +15,12 @@ from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.correlation import correlation_matrix
+from pgmp_petsc.scene.parameters import correlation_matrix
 
 if TYPE_CHECKING:
     from mpi4py import MPI

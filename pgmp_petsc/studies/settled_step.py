@@ -9,20 +9,18 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from pgmp_petsc.experiments.finished import Price, step_seconds
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.experiments.period import period_of
-from pgmp_petsc.experiments.price import Price, step_seconds
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.selection.ledger import Ledger
-from pgmp_petsc.selection.step import AHEAD, SEEN, first_steps
-from pgmp_petsc.selection.step_choice import StepChoice
+from pgmp_petsc.selection.step_choice import AHEAD, SEEN, StepChoice, first_steps
 from pgmp_petsc.selection.training import Training, training_loads
-from pgmp_petsc.selection.trial import Errors, Trial
+from pgmp_petsc.selection.trial import Errors, Ledger, Trial
 from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK
 
 if TYPE_CHECKING:

@@ -1,8 +1,11 @@
-"""One run of a model over time."""
+"""One run of a model over time.
+
+Why a run stopped before its end, and what to do.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
+from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
+from pgmp_petsc.dynamics.static_equilibrium import require_settled, start_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import CoarserRun, coarser, run_coarser, step_errors
 from pgmp_petsc.indicator.coverage import (
@@ -27,28 +31,28 @@ from pgmp_petsc.indicator.coverage import (
     why_not_of_full_order,
 )
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
-from pgmp_petsc.indicator.starting_jump import jump_remarks
+from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.definiteness import smoother
 from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
-from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
-from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields
+from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
 from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
-from pgmp_petsc.studies.shape_frames import shape_frames
-from pgmp_petsc.studies.stopped import lost_definiteness, why_stopped
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 UNKNOWNS_PER_RANK = 3000
 
@@ -385,4 +389,50 @@ def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErro
         outputs=errors,
         largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
         absent={name: why for name, (why,) in estimate.absent.items() if why},
+    )
+
+
+LOOK_BACK = 400  # steps before a failure in which its cause is looked for
+
+
+def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
+    """Return why a run stopped, and what to do; nothing where it did not.
+
+    Parameters
+    ----------
+    run
+        A run of one sample.
+    reason
+        What is known beyond the status, with its cure.
+    """
+    status = Status(run.status[0])
+    if status == Status.FINE:
+        return []
+    what = (
+        f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
+        f"{model.scene.simulation.duration:g} s: {status.meaning}"
+    )
+    return [warning("; ".join(filter(None, (what, reason or status.cure))))]
+
+
+def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:
+    """Return since when the stiffness was indefinite before the end, and why; empty where it was not."""
+    looked_at = slice(-LOOK_BACK, None)
+    share = least_stiffness(model.terms, values, eta[looked_at])
+    unsound = np.isnan(share)
+    if unsound.any():
+        first = eta[looked_at][np.argmax(unsound)]
+        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, first))
+        return (
+            f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
+            f"with {smoother(model.scene.reduction.interpolation)}"
+        )
+    lost = share <= 0.0
+    if not lost[-1]:
+        return ""
+    since = time[looked_at][lost.size - int(np.argmin(lost[::-1])) if not lost.all() else 0]
+    return (
+        f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
+        f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
+        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure}"
     )

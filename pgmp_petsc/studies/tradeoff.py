@@ -20,29 +20,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.experiments.finished import PAIR, Finished, step_seconds
 from pgmp_petsc.experiments.history import floors_of, largest_errors
-from pgmp_petsc.experiments.price import PAIR, step_seconds
-from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, distance_from_mesh
-from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.experiments.reference import Demand, Reference, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, RunError, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import without_progress
-from pgmp_petsc.runtime.remarks import note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names, with_numbers
 from pgmp_petsc.selection.ladder import Limits as Basis
 from pgmp_petsc.studies.tradeoff_advice import advise
-from pgmp_petsc.studies.tradeoff_dealing import Dealer, Prices, ReferenceRun, Task, tasks_of
-from pgmp_petsc.studies.tradeoff_measurement import TIMED, Bench, Measured
-from pgmp_petsc.studies.tradeoff_reference import ReferenceSequence
-from pgmp_petsc.studies.tradeoff_runner import Runner
+from pgmp_petsc.studies.tradeoff_measurement import TIMED, Bench, Measured, ReferenceSequence, held_out
+from pgmp_petsc.studies.tradeoff_runner import Dealer, Prices, ReferenceRun, Runner, Task, tasks_of
 from pgmp_petsc.studies.tradeoff_settings import (
     Limits,
     Setting,
@@ -54,7 +49,6 @@ from pgmp_petsc.studies.tradeoff_settings import (
     own_steps,
     settings_around,
 )
-from pgmp_petsc.studies.tradeoff_values import held_out
 
 if TYPE_CHECKING:
     from mpi4py import MPI

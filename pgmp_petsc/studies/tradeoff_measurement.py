@@ -6,6 +6,17 @@ the runs at a response surface's nodes and the interpolation. *Online* is what a
 does it: integration to the end time and the outputs there; of a response surface the outputs over time. A sample alone
 is a batch of one. A run that is predicted to take longer than `TIMED` is timed with fewer samples, and then by its
 first steps: a step costs what the others do.
+
+Parameter values of the trade-off study: where errors are measured, and where a response surface has its nodes.
+
+Test values are quantiles of the distributions, spread over all of them by a Latin hypercube with a fixed seed; the
+nodes lie elsewhere. Where bounds cut a distribution off, so do they here: an ensemble would not integrate a
+sample beyond them.
+
+The reference with a step that is halved until it no longer matters.
+
+The reference is fine enough where its last halving moved every output by less than a tenth of the smallest error
+that any setting has against it. For an integrator of order two, what remains is then a third of that move.
 """
 
 from __future__ import annotations
@@ -17,15 +28,15 @@ from time import perf_counter, process_time
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import qmc
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.first_accelerations import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.history import AnyModel, History, run_history, spacing, with_steps
-from pgmp_petsc.experiments.price import duration_text, step_seconds
-from pgmp_petsc.experiments.reference import Reference, component_model
-from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.experiments.finished import duration_text, step_seconds
+from pgmp_petsc.experiments.history import AnyModel, History, largest_errors, run_history, spacing, with_steps
+from pgmp_petsc.experiments.reference import Reference, Subject, component_model
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
@@ -34,11 +45,9 @@ from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.studies.tradeoff_settings import Setting
-from pgmp_petsc.studies.tradeoff_surface import ResponseSurface
-from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values
+from pgmp_petsc.studies.tradeoff_settings import ResponseSurface, Setting
 
 # What one setting may fail with while the others go on: errors meant for the user, and those of numerical libraries
 # (PETSc's and MPI's are RuntimeErrors); a mistake of the program ends the study.
@@ -353,3 +362,152 @@ class Bench:
 def _now() -> np.ndarray:
     """Return the clocks: wall and processor, s."""
     return np.array([perf_counter(), process_time()])
+
+
+N_TEST = 8  # both models take so few in one batch at little more than the price of one
+TEST_RANGE = (0.01, 0.99)  # probabilities of the outermost test values
+NODE_RANGE = (0.001, 0.999)
+SEED = 1
+
+
+def held_out(scene: Scene, n: int = N_TEST) -> dict[str, np.ndarray]:
+    """Return n test values of every parameter, shape (n,); one, that of the scene, where nothing is uncertain.
+
+    Every uncertain parameter takes n quantiles with probabilities at equal distances over `TEST_RANGE`, one: in
+    order, several: in the random order of a Latin hypercube.
+    """
+    names = uncertain_names(scene)
+    if not names:
+        return at_values(scene, np.empty((1, 0)))
+    centred = qmc.LatinHypercube(len(names), scramble=False, seed=SEED).random(n)
+    if len(names) == 1:
+        centred = np.sort(centred, axis=0)
+    low, high = TEST_RANGE
+    # the centres of n strata reach from 1/(2n) to 1 - 1/(2n)
+    probabilities = 0.5 * (low + high) + (centred - 0.5) * (high - low) * n / max(n - 1, 1)
+    return at_values(scene, quantiles(scene, probabilities))
+
+
+def node_values(scene: Scene, n: int) -> np.ndarray:
+    """Return n nodes of a response surface, shape (n, n_uncertain): equal distances, or Halton points in a box."""
+    low, high = box(scene)
+    if len(low) == 1:
+        return np.linspace(low, high, n)
+    return low + (high - low) * qmc.Halton(len(low), scramble=True, seed=SEED).random(n)
+
+
+def box(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the box that nodes span, each of shape (n_uncertain,)."""
+    n = len(uncertain_names(scene))
+    low, high = (quantiles(scene, np.full((1, n), probability))[0] for probability in NODE_RANGE)
+    return low, high
+
+
+def at_values(scene: Scene, uncertain: np.ndarray) -> dict[str, np.ndarray]:
+    """Return values of all parameters from those of the uncertain ones, shape (n, n_uncertain)."""
+    values = {name: np.full(len(uncertain), value) for name, value in scene.values.items()}
+    return values | dict(zip(uncertain_names(scene), uncertain.T))
+
+
+def quantiles(scene: Scene, probabilities: np.ndarray) -> np.ndarray:
+    """Return quantiles of the distributions, bounds applied, for probabilities of shape (n, n_uncertain)."""
+    columns = []
+    for name, column in zip(uncertain_names(scene), probabilities.T):
+        parameter = scene.parameters[name]
+        columns.append(parameter.quantiles(column, 0.0 if name in scene.parameters_not_negative else -np.inf))
+    return np.column_stack(columns) if columns else np.empty((len(probabilities), 0))
+
+
+SHARE = 0.1
+ORDER = 2
+ROUND_OFF = 1e-12  # a move that small is none
+MOST_AT_ONCE = 3  # halvings that are asked for together: a prediction by the order is no more than that
+
+
+class ReferenceSequence:
+    """Runs of a reference on one mesh, with steps that are halved.
+
+    Parameters
+    ----------
+    first
+        Number of steps of the coarsest run.
+    most
+        Number of steps of the finest run that is allowed.
+    floors
+        Below which outputs count as zero, in their units, shape (n_outputs,).
+    """
+
+    def __init__(self, first: int, most: int, floors: np.ndarray) -> None:
+        self._first, self._most, self._floors = first, max(most, 2 * first), floors
+        self._runs: dict[int, History] = {}
+        self._failure = ""
+
+    def add(self, n_steps: int, run: History) -> None:
+        """Take in a run; the one with twice its steps comes next."""
+        self._runs[n_steps] = run
+
+    def give_up(self, reason: str) -> None:
+        """Refine no further: a finer run failed."""
+        self._failure = reason
+
+    @property
+    def usable(self) -> bool:
+        """Whether there are two runs, so that one can tell how fine the finest is."""
+        return len(self._runs) > 1
+
+    @property
+    def failure(self) -> str:
+        """Why it was given up; empty where it was not."""
+        return self._failure
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of the finest run."""
+        return max(self._runs)
+
+    @property
+    def history(self) -> History:
+        """The finest run."""
+        return self._runs[self.n_steps]
+
+    @property
+    def moved(self) -> np.ndarray:
+        """By how much the last halving moved each output, as `largest_errors`, shape (n_outputs,)."""
+        return largest_errors(self._runs[self.n_steps // 2], self.history, self._floors)
+
+    def wanted(self, smallest: np.ndarray) -> list[int]:
+        """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell.
+
+        Parameters
+        ----------
+        smallest
+            Smallest error of any setting in each output, shape (n_outputs,); infinite or NaN where there is none.
+        """
+        if self._failure:
+            return []
+        if not self.usable:
+            return [self._first, 2 * self._first]
+        if self.settled(smallest):
+            return []
+        halvings = np.ceil(np.log(self._excess(smallest)) / np.log(2**ORDER))
+        finer = [self.n_steps * 2**k for k in range(1, int(np.clip(halvings, 1, MOST_AT_ONCE)) + 1)]
+        return [n for n in finer if n <= self._most]
+
+    def settled(self, smallest: np.ndarray) -> bool:
+        """Whether the last halving moved every output by less than a tenth of its smallest error."""
+        return not self._excess(smallest) >= 1.0
+
+    def reason(self, smallest: np.ndarray) -> str:
+        """Say why the step is not halved again."""
+        if self._failure:
+            return f"a finer run failed: {self._failure}"
+        if self.settled(smallest):
+            return f"the last halving moved no output by {SHARE:g} of its smallest error"
+        return "the finest step that is allowed"
+
+    def _excess(self, smallest: np.ndarray) -> float:
+        """Return the move over the allowed one, the largest of any output."""
+        wanted = SHARE * np.where(np.isnan(smallest), np.inf, smallest)
+        known = np.isfinite(self.moved) & (self.moved > ROUND_OFF)
+        with np.errstate(divide="ignore"):
+            return float(np.max(self.moved[known] / wanted[known], initial=0.0))

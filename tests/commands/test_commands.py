@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import tomllib
 from runs import PAPER_SCENE, PGMP, SMALL, besides_progress, full_model, history, overridden, paper_scene, pgmp, samples
 
 from pgmp_petsc import __version__

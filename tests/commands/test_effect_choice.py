@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tomllib
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
 from conftest import ROOT
 from runs import PGMP, pgmp
@@ -21,8 +21,7 @@ from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene, scene_to_toml
-from pgmp_petsc.studies.effect_choice import choose_effects
-from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
+from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
 FOUR_BAR = ROOT / "scenes" / "four_bar.toml"

@@ -18,8 +18,7 @@ from pgmp_petsc.cli import montecarlo
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
-from pgmp_petsc.ensemble.allotment import PILOT
-from pgmp_petsc.ensemble.batch import Plan, SampleFile
+from pgmp_petsc.ensemble.allotment import PILOT, Plan, SampleFile
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
 from pgmp_petsc.ensemble.retry import read_earlier
@@ -27,8 +26,7 @@ from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.runner import run_batch, run_ensemble
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.stopping import Stop
-from pgmp_petsc.figures.joined import joined as picture_of_means
-from pgmp_petsc.figures.stopping import stopping as picture_of_looks
+from pgmp_petsc.figures.ensembles import joined as picture_of_means, stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.errors import InputError, RunError

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from scipy.linalg import eigh
 from assembled import write_abaqus, write_body, write_npz
 from conftest import ROOT
 from runs import IN_TURN, PAPER_SCENE, overridden
+from scipy.linalg import eigh
 from solid_scenes import SOLID, THICKNESS, solid_meshes
 from solids import body_of, matrices_of
 

@@ -9,7 +9,6 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 from runs import history, rom_of, samples
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -21,6 +20,7 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from scenes import meshes_of, slider_crank
 
 OUTPUTS = (
     'outputs.angle={type="angle", joint="crank_hinge"}',

@@ -23,7 +23,6 @@ from mechanisms import (
 )
 from mpi4py import MPI
 from runs import history, rom_of, samples
-from scenes import RADIUS, kinematics_of, slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -34,6 +33,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from scenes import RADIUS, kinematics_of, slider_crank
 
 # Where the 2nd and the 3rd flexible frequency of the slider-crank meet: a point in the plane of r1 and theta, found by
 # minimising their gap; the gap is 1e-10 there and opens linearly all around.

@@ -10,7 +10,6 @@ import scipy.linalg
 from elimination import circle
 from mechanisms import accurate, assert_close, both, dense_eigenvalues, modal_problem, run_for, start
 from runs import built_rom, full_model, history, samples
-from scenes import RADIUS, kinematics_of, mechanism_of, slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.section import BeamSection
@@ -19,6 +18,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.solvers import eigenpair_checks
+from scenes import RADIUS, kinematics_of, mechanism_of, slider_crank
 
 VALUES = {"r1": RADIUS}
 N_FINITE = 18  # 12 nodes of 2 translations, less 5 constraints and the rigid motion

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mechanisms import QUIET, accurate, assert_close, both, nominal_rom, run_for, start
-from scenes import CRANK, ROD, kinematics_of, slider_crank
 
 from pgmp_petsc.runtime.errors import InputError
+from scenes import CRANK, ROD, kinematics_of, slider_crank
 
 
 @pytest.mark.parametrize(("theta", "sign"), [(0.0, 1.0), (np.pi, -1.0), (2 * np.pi, 1.0)])

@@ -7,20 +7,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from mechanisms import accurate, run_for, start
+from mpi4py import MPI
 from runs import full_model, rom_of, run_model
-from scenes import RADIUS
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import Run
 from pgmp_petsc.dynamics.smaller_steps import Attempt
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.range_watch import RangeWatch
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.ensemble.watchers import RangeWatch
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
+from scenes import RADIUS
 
 N = 35  # more than one block of lanes in either model
 MOTOR = 'effects.motor={type="torque", joint="crank_hinge", scale="push", table=[[0.0, 0.0], [0.02, 1.0]]}'

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mechanisms import Outputs, accurate, assert_close, both, largest_errors, nominal_rom, run_for
 from runs import rom_of, samples
-from scenes import RADIUS
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from scenes import RADIUS
 
 SOFT = "materials.steel.E=2.1e9"
 DEVIATION = 0.1 * RADIUS  # of the paper's distribution of r1

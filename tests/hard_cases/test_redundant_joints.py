@@ -9,11 +9,11 @@ import pytest
 from mechanisms import Outputs, accurate, assert_close, both, run_for, start
 from mpi4py import MPI
 from runs import full_model, history, quick_return, reduced_model, rom_of, run_model, samples
-from scenes import kinematics_of, trammel
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from scenes import kinematics_of, trammel
 
 AGAIN = 'joints.again={type="point_on_line", connect=["ground:origin", "rod:tip"], direction=[-3.0, 0.0]}'
 TWICE = 'joints.twice={type="revolute", connect=["crank:tip", "rod:hinge"]}'

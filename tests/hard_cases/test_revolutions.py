@@ -12,18 +12,18 @@ import scipy.integrate
 from conftest import ROOT
 from mechanisms import GRAVITY, OUTPUTS, QUIET, run_for, start
 from runs import history, rom_of, samples
-from scenes import slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_terms import coupling_of
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, scene_from_tables
 from pgmp_petsc.studies.balance import balance_of
+from scenes import slider_crank
 
 TURN = 2 * np.pi
 SPEED = 2.0  # rad/s: the bodies bend by 1e-7 m, so that closed forms of the rigid mechanism hold

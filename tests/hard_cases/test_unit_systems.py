@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mechanisms import GRAVITY, accurate, both, modal_problem, run_for, start
 from runs import quick_return
-from scenes import kinematics_of
 
 from pgmp_petsc.scene import Scene
+from scenes import kinematics_of
 
 THOUSAND = 1e3  # mm in a metre
 MATERIAL = ("materials.steel.E=210e3", "materials.steel.rho=7.8e-9")  # MPa, t/mm3

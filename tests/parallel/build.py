@@ -12,15 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scenes import four_bar, meshes_of, slider_crank, trammel
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.runtime.petsc import start_petsc
+from scenes import four_bar, meshes_of, slider_crank, trammel
 
 start_petsc()
 
 from mpi4py import MPI  # noqa: E402
-
 from runs import quick_return  # noqa: E402
 
 from pgmp_petsc.modes.problem import ModeSet  # noqa: E402

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.second_order import pair_rotations
 
 # all cases of one number of ranks in one run: "name:ranks_per_group:seed of the scrambling"
 RUNS = {

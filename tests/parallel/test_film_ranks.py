@@ -11,10 +11,10 @@ import synthetic
 from click.testing import CliRunner
 from mpi4py import MPI
 from runs import IN_TURN, rom_of
-from scenes import slider_crank
 
 from pgmp_petsc.cli.animate import animate
-from pgmp_petsc.cli.session import Session
+from pgmp_petsc.cli.calls import Session
+from scenes import slider_crank
 
 
 @pytest.mark.parametrize("n", [2])

@@ -12,7 +12,7 @@ from pgmp_petsc.bodies import assembled_checks
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.assembled_checks import check_free, check_mass, check_places, check_stated, made_symmetric
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene.matrices import Stated
+from pgmp_petsc.scene.bodies import Stated
 
 MESH = mesh_of("hexahedron", (40, 2, 2), (1.0, 0.02, 0.02))
 

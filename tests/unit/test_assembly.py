@@ -14,7 +14,7 @@ from pictures import assert_inside, texts
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.figures.assembly import assembly
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.results.assembly import Assembly
+from pgmp_petsc.results.effect_sizes import Assembly
 from pgmp_petsc.studies.assembly import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import compiled_elements
 import numpy as np
 import pytest
-from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body, to_inertial
-from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.mechanism.unknowns import Unknowns
+from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 
 @pytest.fixture(params=[slider_crank, four_bar, trammel])

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 
-from pgmp_petsc.runtime.children import TIME_IS_OVER, child, run_child
+from pgmp_petsc.runtime.ending import TIME_IS_OVER, child, run_child
 
 # what a mesh reader of meshio does with a file cut short, and a compiler with children of its own
 SPINS = "while True: pass"
@@ -71,7 +71,7 @@ def test_what_is_left_at_the_end_of_the_block_is_ended(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 @pytest.mark.parametrize("program", [SPINS, SPINS_BELOW])
 def test_no_child_outlives_its_parent(program: str, number: int, tmp_path: Path) -> None:
-    own = f"import sys; from pgmp_petsc.runtime.children import run_child; run_child({[program]} and sys.argv[1:], 600)"
+    own = f"import sys; from pgmp_petsc.runtime.ending import run_child; run_child({[program]} and sys.argv[1:], 600)"
     command = [sys.executable, "-c", own, sys.executable, "-c", program, str(tmp_path)]
     with subprocess.Popen(command, cwd=ROOT) as parent:
         many = 3 if program == SPINS else 4  # itself, the guard, and the program with its children

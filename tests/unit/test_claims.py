@@ -14,8 +14,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from conftest import TIMEOUT_SECONDS
 import synthetic
+from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
 
 from pgmp_petsc.runtime import claims, lock

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from runs import PAPER_SCENE
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import TIMES, CoarserRun, amplification, step_errors
 from pgmp_petsc.indicator.coverage import step_remarks
 from pgmp_petsc.scene import load_scene
-from runs import PAPER_SCENE
 
 N_STEPS, STEP = 1000, 1e-3
 RADIUS = 0.8  # spectral radius of the scene

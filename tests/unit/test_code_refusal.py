@@ -10,9 +10,8 @@ from exported import scene_of
 from runs import QUICK_RETURN, quick_return, reduced_model
 
 from pgmp_petsc.code import constants, fmu
-from pgmp_petsc.code.constants import constants_of
+from pgmp_petsc.code.constants import checked_scene, constants_of, left_out
 from pgmp_petsc.code.fmu import write_fmu
-from pgmp_petsc.code.refusal import checked_scene, left_out
 from pgmp_petsc.code.source import write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import quick_return
-from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 from scipy.spatial.transform import Rotation
 from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_crank
 
@@ -14,6 +13,7 @@ from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
+from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 SCENES = {
     "slider_crank": slider_crank,

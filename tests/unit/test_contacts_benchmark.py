@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from runs import rom_of
-from scenes import slider_crank
 
 from benchmarks import contacts
 from pgmp_petsc.runtime.errors import InputError
+from scenes import slider_crank
 
 SMALL = (
     "reduction.modes=2", "reduction.angles=12", "simulation.duration=0.1", "simulation.step=1e-3",

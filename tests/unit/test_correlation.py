@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import slider_crank
 from scipy import stats
 
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from scenes import slider_crank
 
 PARAMETERS = (
     'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}',

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.mechanism.curved_ties import CurvedTies, Quadratics
+from pgmp_petsc.mechanism.frame_ties import CurvedTies, Quadratics
 
 N, ROW, N_ROWS = 3, 1, 6  # amplitudes, first row of the tie, rows of all ties
 

@@ -18,14 +18,13 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from runs import paper_scene, rom_of
 from sealed import resealed
 
 from pgmp_petsc.api.contents import contents
 from pgmp_petsc.cli.info import describe
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.ensemble.shards import Shards

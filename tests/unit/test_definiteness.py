@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from runs import rom_of
-from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.cli.build import report
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from scenes import RADIUS, slider_crank
 
 SPLINE = 'reduction.interpolation="spline"'
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import slider_crank
 from scipy import stats
 
 from pgmp_petsc.ensemble.sampling import draw
@@ -14,6 +13,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Tabulated, _table, quick
 from pgmp_petsc.scene.parameters import MOST_VALUES, Parameter
+from scenes import slider_crank
 
 MEASURED = (5.1e-3, 5.6e-3, 5.5e-3, 5.6e-3, 6.2e-3)
 TWO = '{name="norm", loc=5.2e-3, scale=1e-4}, {name="uniform", loc=5.8e-3, scale=4e-4}'

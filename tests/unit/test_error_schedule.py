@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import paper_scene
-from scenes import kinematics_of, slider_crank
 
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.sampled_load import SampledLoad
+from scenes import kinematics_of, slider_crank
 
 
 def sampled(table: str, n_steps: int = 100, n_evaluations: int = 10) -> tuple[np.ndarray, np.ndarray]:

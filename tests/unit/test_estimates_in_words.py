@@ -5,11 +5,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scenes import slider_crank
 
 from pgmp_petsc.cli.estimates import of_trajectory
 from pgmp_petsc.indicator.coverage import large_errors, not_estimated
 from pgmp_petsc.results import EstimatedErrors
+from scenes import slider_crank
 
 
 @pytest.mark.parametrize(

@@ -14,18 +14,15 @@ import synthetic
 from pictures import assert_inside, keys_of, legend_texts, texts, visible
 
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.coordinate_plane import coordinate_path
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.differences import same_case, short_names, tell_apart
-from pgmp_petsc.figures.energies import energies
-from pgmp_petsc.figures.frequencies import frequencies
+from pgmp_petsc.figures.frequencies import coordinate_path, frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import distinct_colours
-from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
+from pgmp_petsc.figures.trajectories import Comparison, energies, paired, trajectories
 from pgmp_petsc.results import Balance, Frames, Trajectory
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.remarks import note, warning
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 

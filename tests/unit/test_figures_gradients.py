@@ -13,9 +13,7 @@ from sealed import resealed
 
 from pgmp_petsc.cli.gradient_tables import design_lines, lines_of
 from pgmp_petsc.figures.collection import draw_result
-from pgmp_petsc.figures.design import design
-from pgmp_petsc.figures.fit import fit
-from pgmp_petsc.figures.sensitivities import sensitivities
+from pgmp_petsc.figures.designs import design, fit, sensitivities
 from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.derivatives import DEVIATION
 from pgmp_petsc.runtime.errors import InputError

@@ -12,9 +12,9 @@ from pictures import assert_inside, legend_texts, visible
 
 from pgmp_petsc.figures import gallery
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
-from pgmp_petsc.figures.energies import DECADES, energies
+from pgmp_petsc.figures.frequencies import coordinate_path, frequency_maps
 from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.trajectories import DECADES, energies
 from pgmp_petsc.results import Balance
 from pgmp_petsc.runtime.errors import InputError
 

@@ -18,19 +18,18 @@ from fielded import block_run, flat_run, run_of
 from mpi4py import MPI
 from PIL import Image
 from runs import rom_of
-from scenes import slider_crank
 
 from pgmp_petsc.cli.animate import animate
-from pgmp_petsc.cli.session import Session
+from pgmp_petsc.cli.calls import Session
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.films import Pace
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import solids
 from pgmp_petsc.figures.stage import Stage, drawing, view_of
 from pgmp_petsc.results.body_fields import BodyField
-from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, Remark
+from scenes import slider_crank
 
 WIDE, HIGH = 240, 160
 

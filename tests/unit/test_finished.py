@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import meshes_of
 from tradeoffs import LEAST, small_scene
 
 from pgmp_petsc.experiments.finished import Finished
@@ -21,6 +20,7 @@ from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.choice import choose
 from pgmp_petsc.studies import tradeoff_measurement
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
+from scenes import meshes_of
 
 SHORT = (
     'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.floating import FloatingBody, first_moments
 from pgmp_petsc.components.floating_frames import floating_shapes
-from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
+from pgmp_petsc.components.large_deformation import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.straight_beam import straight_beam
 

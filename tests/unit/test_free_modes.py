@@ -7,10 +7,9 @@ import pytest
 from effect_scenes import BAR, CANTILEVER, line_meshes, mechanism_with_lines, scene_of
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.free_modes import free_modes
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.effects.modal_damping import modal_damping
+from pgmp_petsc.effects.damping import free_modes, modal_damping
 from pgmp_petsc.runtime.errors import InputError
 
 # shear and rotary inertia lower the third frequency by (k^2 EI / GA + k^2 rho I / rho A) / 2 or so, 1e-4, k = 11; more

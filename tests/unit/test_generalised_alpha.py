@@ -14,9 +14,8 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
-from pgmp_petsc.dynamics.drivers import Driver, LoopDriver, PetscDriver
 from pgmp_petsc.dynamics.first_accelerations import first_accelerations
-from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Driver, LoopDriver, PetscDriver, Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import InputError, RunError

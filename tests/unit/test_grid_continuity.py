@@ -9,9 +9,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pgmp_petsc.modes.grid_continuity import GridBasis, GridNeighbours
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.runtime.errors import RunError
 
 N_ROWS = 8

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from runs import full_model, reduced_model, samples
 from tradeoffs import OUTPUTS
-from scenes import SLIDER_CRANK
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.experiments.history import (
@@ -20,6 +19,7 @@ from pgmp_petsc.experiments.history import (
 )
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import SLIDER_CRANK
 
 FLOORS = np.array([1e-10])
 

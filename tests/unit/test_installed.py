@@ -13,9 +13,17 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.dealing import deal
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup, first_ranks
-from pgmp_petsc.runtime.installed import alone, has_mpi, has_petsc, is_communicator, missing, needs_petsc, refuse_ranks
+from pgmp_petsc.runtime.installed import (
+    OneRank,
+    alone,
+    has_mpi,
+    has_petsc,
+    is_communicator,
+    missing,
+    needs_petsc,
+    refuse_ranks,
+)
 from pgmp_petsc.runtime.memory import free_share
-from pgmp_petsc.runtime.one_rank import OneRank
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import paper_scene, rom_of
-from scenes import RADIUS
 
 from benchmarks.exact_oscillators import Course, Motion, Oscillators, Variant, modes_at, sinc
 from benchmarks.integrators import (
@@ -21,6 +20,7 @@ from benchmarks.integrators import (
 )
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.models import ReducedModel
+from scenes import RADIUS
 
 STEP = 1e-2
 OMEGA = np.array(

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from spatial import assembled, bars_of, solid, table
 
-from pgmp_petsc.effects.joint_measure import joint_measure
+from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 AXIS, TURNED, MOVED = np.array([0.48, -0.6, 0.64]), 0.7, 0.2

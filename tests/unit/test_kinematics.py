@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 import pytest
-from scenes import CRANK, ROD, four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import InputError
+from scenes import CRANK, ROD, four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 # several revolutions, negative angles, and the ends of the range
 THETA = np.concatenate([np.linspace(-20.0, 20.0, 41), [0.0, np.pi / 2, np.pi, 2 * np.pi, -2 * np.pi]])

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from pgmp_petsc.runtime.lane_items import aligned, items, sine_cosine, width_of
 from pgmp_petsc.dynamics.part_reference import Reference, loaded
-from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import aligned, items, sine_cosine, width_of
+from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES
 
 
 class Inner(NamedTuple):

@@ -16,14 +16,13 @@ from solids import body_of, matrices_of, mesh_of, rod
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
 from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.bodies.linear_fields import linear_fields
-from pgmp_petsc.components.foreshortening import contraction_of
-from pgmp_petsc.components.large_deformation import FieldsOnRanks, with_second_order
+from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.runtime.groups import RankGroup
 

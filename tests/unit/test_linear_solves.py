@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from petsc4py import PETSc
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.rank_solver import RankSolver
@@ -15,6 +14,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import FullModel
+from scenes import meshes_of, slider_crank
 
 SHORT = ("simulation.duration=0.003", "simulation.step=1e-3")
 DRAWN = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=1e-4}'

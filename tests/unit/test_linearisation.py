@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import reduced_model
-from scenes import slider_crank
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.bodies.affine import Monomial
@@ -14,6 +13,7 @@ from pgmp_petsc.effects.laws import FRICTION, N_PARAMETERS, SOURCE, SPRING_DAMPE
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.gradients.local_effects import parameter_slopes
 from pgmp_petsc.models import ReducedModel
+from scenes import slider_crank
 
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.angles=32", 'reduction.interpolation="spline"',

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from scenes import slider_crank
 
-from pgmp_petsc.effects.amplitude import amplitude_of
+from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import _check_tables_hold
+from scenes import slider_crank
 
 PARAMETERS = ("parameters.A={nominal=2.0}", "parameters.B={nominal=-0.5}")
 TIMES = (-0.1, 0.0, 0.03, 0.1, 0.17, 0.2, 0.5)

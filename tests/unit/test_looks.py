@@ -13,7 +13,7 @@ from runs import paper_scene
 from scipy import stats
 
 from pgmp_petsc.ensemble import stopping
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.looks import level_of_each, looks
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.sampling import Sampler

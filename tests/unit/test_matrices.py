@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from scenes import CRANK, RADIUS, ROD, STEEL, mechanism_of, slider_crank
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from scenes import CRANK, RADIUS, ROD, STEEL, mechanism_of, slider_crank
 
 ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
 VALUES = {"r1": RADIUS}

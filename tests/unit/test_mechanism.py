@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
@@ -13,6 +12,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import PLANE, rotate
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
 
 ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
 GRAVITY = 'effects.weight={type="gravity",direction=[0.0,-2.0],acceleration=9.81}'

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.mechanism.constraints import ConstraintJacobian, constraint_jacobian
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces, null_space
+from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 
 def check(constraints: np.ndarray) -> NullSpace:

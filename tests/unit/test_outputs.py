@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import CRANK, ROD, kinematics_of, slider_crank
 
 from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from scenes import CRANK, ROD, kinematics_of, slider_crank
 
 OUTPUTS = (
     'outputs.crank={type="angle", joint="crank_hinge"}',

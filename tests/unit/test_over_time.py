@@ -11,8 +11,8 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import over_time
 from pgmp_petsc.ensemble.description import over_time_remarks
-from pgmp_petsc.ensemble.quantities import in_words
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher, band_steps
+from pgmp_petsc.ensemble.quantities import in_words
 from pgmp_petsc.ensemble.watchers import Begun
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene.ensemble import Ensemble, Event

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from runs import reduced_model
-from scenes import slider_crank
 
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures, of_statistics
+from scenes import slider_crank
 
 WORDS = ("mean", "deviation, quantiles")
 

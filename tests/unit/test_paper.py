@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from benchmarks.paper import accuracy, comparison, cost, equal_error, order, ranks, summary
-from benchmarks.paper import figures as pictures
+from benchmarks.paper import accuracy, comparison, cost, equal_error, figures as pictures, order, ranks, summary
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table, number, percent, span, with_error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import slider_crank
 from scipy.integrate import quad, trapezoid
 from scipy.stats import binom, chi2, norm
 
@@ -22,10 +21,19 @@ from pgmp_petsc.ensemble.importance import (
     lie_apart,
     log_normal,
 )
-from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
+from pgmp_petsc.ensemble.rare_events import (
+    LimitState,
+    RareSamples,
+    apart,
+    directions_of,
+    entrances,
+    find,
+    most_rays,
+    unlike,
+)
 from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
-from pgmp_petsc.ensemble.rays import apart, directions_of, entrances, most_rays, unlike
 from pgmp_petsc.runtime.errors import InputError
+from scenes import slider_crank
 
 OF_SUM = 2.6676243  # beta of 6 = exp(0.3 u_1) + exp(0.6 u_2)
 ONE_IN_A_THOUSAND = 1e-3

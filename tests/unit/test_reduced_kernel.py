@@ -7,18 +7,18 @@ import itertools
 import numpy as np
 import pytest
 from runs import quick_return, reduced_model, rom_of, run_model, samples
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
+from scenes import meshes_of, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
 TIME = 0.1  # s; the torque is 0.2 Nm

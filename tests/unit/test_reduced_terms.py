@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from runs import quick_return, rom_of
-from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
@@ -25,7 +24,8 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.stopped import lost_definiteness
+from pgmp_petsc.studies.simulate import lost_definiteness
+from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 PART = (
     "coordinates.theta.range=[0.2,1.4]",

@@ -10,9 +10,9 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.component import rigid_component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.runtime.errors import InputError

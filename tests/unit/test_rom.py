@@ -9,7 +9,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scenes import four_bar, kinematics_of, mechanism_of, meshes_of, slider_crank, trammel
 from sealed import resealed
 
 from pgmp_petsc.bodies.matrices import assemble
@@ -23,6 +22,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, write_file
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import four_bar, kinematics_of, mechanism_of, meshes_of, slider_crank, trammel
 
 GRAVITY = 'effects.weight={type="gravity"}'
 SCENE = slider_crank("reduction.modes=3", "reduction.angles=8", GRAVITY)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.dynamics.rotations import factors_of, rotation_of, spin_of
+from pgmp_petsc.dynamics.action_frames import factors_of, rotation_of, spin_of
 
 
 def rotation(phi: np.ndarray) -> np.ndarray:

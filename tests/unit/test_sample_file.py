@@ -7,13 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scenes import slider_crank
 
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from scenes import slider_crank
 
 RADII = [5e-3, 5.5e-3, 6e-3]
 

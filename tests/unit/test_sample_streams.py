@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ensemble.designs import stream
 from pgmp_petsc.ensemble.sample_streams import first_numbers
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import Samples
 
 
 def test_a_periodic_range_leaves_out_its_end() -> None:

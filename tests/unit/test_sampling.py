@@ -6,16 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scenes import slider_crank
 from scipy import stats
 
 from pgmp_petsc.ensemble import sampling
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.designs import Blocks, Design, Replicates
 from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
+from scenes import slider_crank
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 YOUNG = (

@@ -11,8 +11,7 @@ from conftest import ROOT
 from mpi4py import MPI
 from pictures import assert_inside, legend_texts, visible
 
-from benchmarks.scaling import build, figures, fine_beams, report
-from benchmarks.scaling import case as phases
+from benchmarks.scaling import build, case as phases, figures, fine_beams, report
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from benchmarks.scaling.fine_beams import FineBeams
 from pgmp_petsc.components.condensing import condensed

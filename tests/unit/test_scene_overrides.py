@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene.overrides import apply_overrides, apply_settings
+from pgmp_petsc.scene.loading import apply_overrides, apply_settings
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pgmp_petsc.runtime.identity import identity
-from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, Seal, check_seal, seal, seal_of, sealed
+from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, Seal, check_seal, identity, seal, seal_of, sealed
 
 CONTENT = bytes(range(256)) * 3
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.second_order import (
+from pgmp_petsc.reduction.cell_products import (
     SecondOrderTables,
     pair_products,
     pair_rotations,
@@ -16,6 +15,7 @@ from pgmp_petsc.reduction.second_order import (
 )
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.groups import RankGroup
+from scenes import meshes_of, slider_crank
 
 N, M = 6, 4
 

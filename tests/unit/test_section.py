@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from scenes import SHEAR_FACTOR, STEEL
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
+from scenes import SHEAR_FACTOR, STEEL
 
 YOUNG, NU, RHO = STEEL["E"], STEEL["nu"], STEEL["rho"]
 SHEAR_MODULUS = YOUNG / (2 * (1 + NU))

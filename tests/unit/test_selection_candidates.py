@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.selection.candidates import MOST_BYTES, SHARE, CandidatePrices
-from pgmp_petsc.selection.ladder import Limits, families_of
+from pgmp_petsc.selection.ladder import MOST_BYTES, SHARE, CandidatePrices, Limits, families_of
+from scenes import meshes_of, slider_crank
 
 LIMITS = Limits(n_modes=30, n_static=1, n_terms=3)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from scenes import kinematics_of, slider_crank
 
 from pgmp_petsc.selection.ladder import MODES, Limits, by_distance_from_middle, families_of, first_passing, operations
+from scenes import kinematics_of, slider_crank
 
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
 UNCERTAIN = Limits(n_modes=30, n_static=1, n_terms=3, uncertain=True)

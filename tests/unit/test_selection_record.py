@@ -7,13 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scenes import slider_crank
 
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.selection.choice import cost_text, leaves_open
-from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, STEP, shares_of
+from pgmp_petsc.selection.trial import BASIS, INTERPOLATION, STEP, shares_of
+from scenes import slider_crank
 
 SELECTION = Selection(
     tolerances={"reduction": 1e-2, "simulation": 2e-2},

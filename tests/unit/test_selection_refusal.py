@@ -7,18 +7,16 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.selection.ladder import Limits
-from pgmp_petsc.selection.ledger import Ledger
 from pgmp_petsc.selection.reduction_choice import ReductionChoice
-from pgmp_petsc.selection.step import fine_enough
-from pgmp_petsc.selection.step_choice import StepChoice
+from pgmp_petsc.selection.step_choice import StepChoice, fine_enough
 from pgmp_petsc.selection.training import Load, Training
-from pgmp_petsc.selection.trial import Errors, Trial
+from pgmp_petsc.selection.trial import Errors, Ledger, Trial
+from scenes import meshes_of, slider_crank
 
 LOADS = (Load("own", "", {}, True), Load("quick", "", {}, False))
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.shelf import Shelf, bytes_of
+from pgmp_petsc.selection.bench import Shelf, bytes_of
 
 
 @dataclass

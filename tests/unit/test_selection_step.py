@@ -9,7 +9,7 @@ import pytest
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme
-from pgmp_petsc.selection.step import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, step_of
+from pgmp_petsc.selection.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, step_of
 
 DURATION, SHARE = 1.0, 2e-3
 INSTANTS = np.linspace(0.0, DURATION, 257)

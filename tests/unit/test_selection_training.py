@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import pendulum, slider_crank
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.selection.training import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
+from scenes import pendulum, slider_crank
 
 NORMAL = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=0.56e-3}%s}'
 SECOND = 'parameters.E={nominal=2.1e11, distribution={name="uniform", loc=2.0e11, scale=0.2e11}}'

@@ -6,7 +6,7 @@ import numpy as np
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
 from pgmp_petsc.mechanism.space import PLANE
-from pgmp_petsc.studies.shape_frames import shape_frames
+from pgmp_petsc.studies.field_frames import shape_frames
 
 FOREARM = """
 [bodies.forearm]

@@ -16,9 +16,9 @@ import pytest
 
 petsc4py.init([])
 
+from conftest import TIMEOUT_SECONDS  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-from conftest import TIMEOUT_SECONDS  # noqa: E402
 from pgmp_petsc.runtime import memory as memory_module  # noqa: E402
 from pgmp_petsc.runtime.errors import InputError, RunError  # noqa: E402
 from pgmp_petsc.runtime.memory import free_memory, give_back  # noqa: E402
@@ -180,7 +180,7 @@ def test_a_signal_that_ends_a_run_takes_the_files_along(folder: Path) -> None:
     program = """
 import time
 from pgmp_petsc.runtime.signals import ending_on_signals
-from pgmp_petsc.solvers.factor_files import FactorFiles
+from pgmp_petsc.solvers.shifted_factor import FactorFiles
 with ending_on_signals(0):
     (FactorFiles().path / "part").write_text("of a factor")
     print("ready", flush=True)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, at_nodes, at_points, cross_matrix, directors
 from pgmp_petsc.mechanism.statements import angle
-from pgmp_petsc.mechanism.attachment import Attachment
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
 POINTS = np.random.default_rng(5).normal(size=(4, 3))

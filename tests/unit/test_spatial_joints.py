@@ -13,9 +13,8 @@ from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.body_gradients import BodyGradients
-from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.joints import Joint, joint as make_joint, orthonormality, triad
+from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.joints import Connection, Joint, joint as make_joint, orthonormality, triad
 from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import angle

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scenes import kinematics_of, slider_crank
 from spatial_beams import kinematics_of_beams, slider_crank_of_beams
 from spring_measures import bends_of, measure_of, slopes_of
 
@@ -14,6 +13,7 @@ from pgmp_petsc.effects import Action, actions_of, effects_of
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.scene import Scene
+from scenes import kinematics_of, slider_crank
 
 # the crank is rigid, so that its points are at arms of its only node
 PLANE = (

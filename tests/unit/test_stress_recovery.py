@@ -16,8 +16,7 @@ from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
 from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw
-from pgmp_petsc.outputs.stress_quantities import FURTHEST, LARGEST, SMALLEST, hooke, principal, von_mises
+from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, hooke, principal, von_mises
 from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
 
 KINDS = [*PLANE_KINDS, *SOLID_KINDS]

@@ -6,7 +6,6 @@ import combinations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import four_bar, kinematics_of, slider_crank
 from static_equilibrium import StaticEquilibrium
 
 from pgmp_petsc.bodies.matrices import owned_rows
@@ -15,6 +14,7 @@ from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from scenes import four_bar, kinematics_of, slider_crank
 
 SCENES = {"slider_crank": slider_crank(), "four_bar": four_bar()}
 # a section other than the nominal one: every weight counts

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.effects.time_function import Piece, TimeFunction, joined
+from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, joined
 from pgmp_petsc.scene.effects import PrescribedMotion, Torque
 
 TIMES = np.concatenate([np.linspace(-0.5, 3.0, 701), [0.2, 0.9, 1.4]])

@@ -18,7 +18,7 @@ from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
-from pgmp_petsc.studies.tradeoff_values import held_out
+from pgmp_petsc.studies.tradeoff_measurement import held_out
 
 # a part of the revolution: the closure takes less time
 LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'

@@ -12,7 +12,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.studies.tradeoff_dealing import Dealer, Prices, ReferenceRun, tasks_of
+from pgmp_petsc.studies.tradeoff_runner import Dealer, Prices, ReferenceRun, tasks_of
 from pgmp_petsc.studies.tradeoff_settings import (
     FULL,
     QUICK,

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.dynamics.first_accelerations import LENGTHS
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.studies import tradeoff_measurement
 from pgmp_petsc.studies.tradeoff_measurement import FEWEST_STEPS, Simulated
+from scenes import meshes_of, slider_crank
 
 
 def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed(

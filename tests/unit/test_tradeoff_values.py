@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import SLIDER_CRANK
 from scipy import stats
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.tradeoff_surface import ResponseSurface, node_counts
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.studies.tradeoff_values import box, held_out, node_values, quantiles
+from pgmp_petsc.studies.tradeoff_measurement import box, held_out, node_values, quantiles
+from pgmp_petsc.studies.tradeoff_settings import ResponseSurface, node_counts
+from scenes import SLIDER_CRANK
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 DENSITY = 'parameters.rho={nominal=7800.0, distribution={name="uniform", loc=7700.0, scale=200.0}}'

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import kinematics_of, slider_crank, trammel
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import InputError
+from scenes import kinematics_of, slider_crank, trammel
 
 # several revolutions of both coordinates, and the corners of the range
 TURNS = np.random.default_rng(0).uniform(-15.0, 15.0, (60, 2))

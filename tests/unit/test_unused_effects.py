@@ -16,8 +16,8 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.effects import Effect, Motion, effects_of
-from pgmp_petsc.effects.amplitude import amplitude_of
-from pgmp_petsc.effects.gravity import Gravity
+from pgmp_petsc.effects.loads import Gravity
+from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene
 
 SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"

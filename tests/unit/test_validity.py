@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import paper_scene, rom_of
-from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
 from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -19,14 +18,14 @@ from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.mode_changes import StiffnessChanges
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.results.errors import ROTATION_LIMIT, VALIDITY, beyond_limit
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Coefficients
+from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
 
 
 def test_rigid_bodies_are_neither_turned_nor_strained() -> None:

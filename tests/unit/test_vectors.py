@@ -10,6 +10,7 @@ from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import Matrix
 from pgmp_petsc.dynamics.reduced_terms import pack
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.vectors import (
     LANES,
     N_POWERS,
@@ -30,7 +31,6 @@ from pgmp_petsc.runtime.vectors import (
     spread,
     store,
 )
-from pgmp_petsc.runtime.compiled import njit
 
 RANDOM = np.random.default_rng(0)
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from assembled import WRITERS, labels_of, write_body, write_csv
 from mpi4py import MPI
-import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
 from solids import body_of, matrices_of, mesh_of
-from spatial import SLIDER_CRANK as IN_SPACE
-from spatial import bar
+from spatial import SLIDER_CRANK as IN_SPACE, bar
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.assembled import Assembled, AssembledBody

@@ -5,11 +5,11 @@ from __future__ import annotations
 import compiled_elements
 import numpy as np
 import pytest
-from scenes import SHEAR_FACTOR, STEEL, kinematics_of, pendulum, straight
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import element_dofs
 from pgmp_petsc.modes.problem import ModalProblem
+from scenes import SHEAR_FACTOR, STEEL, kinematics_of, pendulum, straight
 
 N_ELEMENTS = (10, 20, 40)
 

@@ -14,13 +14,12 @@ import pytest
 import pyvista
 from mpi4py import MPI
 from runs import full_model, reduced_model
-from scenes import HEADER, slider_crank
 from solids import rectangle_mesh
 from spatial import bars_of, slider_crank_in_space
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -34,6 +33,7 @@ from pgmp_petsc.studies.field_frames import fields_at
 from pgmp_petsc.studies.mode_shapes import mode_shape
 from pgmp_petsc.studies.modes_table import reduced_frequencies
 from pgmp_petsc.studies.simulate import simulate
+from scenes import HEADER, slider_crank
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
 MOMENT, INERTIA = ARM * FORCE, WIDTH * HEIGHT**3 / 12.0

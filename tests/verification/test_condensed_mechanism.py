@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import HEADER, mechanism_of, slider_crank
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
 from solids import rectangle_mesh
 
@@ -28,6 +27,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import HEADER, mechanism_of, slider_crank
 
 N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
 DAMPING = 'effects.friction={type="structural_damping", stiffness=2e-5, mass=0.5}'

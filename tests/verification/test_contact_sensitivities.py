@@ -11,7 +11,6 @@ from differences import ToRoundOff, compare
 from length_scenes import GUIDE, SMALL, long_crank
 from mpi4py import MPI
 from runs import reduced_model, rom_of
-from scenes import PENDULUM, slider_crank
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.dynamics.event_location import EventLocation
@@ -22,16 +21,17 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results import Derivatives
-from pgmp_petsc.results.design import Design
+from pgmp_petsc.results.designs import Design
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import MeasuredHistory
-from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.optimization import optimize
 from pgmp_petsc.studies.sensitivities import sensitivities
+from scenes import PENDULUM, slider_crank
 
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",

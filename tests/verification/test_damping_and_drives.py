@@ -8,7 +8,6 @@ from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded
 
 from pgmp_petsc.effects.motion import Motion
 
-
 # a beam hinged at its middle: its antisymmetric free modes feel nothing of the hinge
 SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]
 MIDDLE = (12, 13)  # x and y of the node there

@@ -16,9 +16,7 @@ import pytest
 from counting import count_calls
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, line_meshes, line_model, scene_of
 from mpi4py import MPI
-from runs import full_model, history, samples
-from runs import reduced_model as in_memory
-from scenes import slider_crank
+from runs import full_model, history, reduced_model as in_memory, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.dynamics.event_location import EventLocation
@@ -31,6 +29,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import slider_crank
 
 G = 9.81
 STEP = 2e-3

@@ -18,13 +18,12 @@ from runs import (
     rom_of,
     samples,
 )
-from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.origin import Origin
+from pgmp_petsc.ensemble.description import Origin
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
@@ -32,6 +31,7 @@ from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced
+from scenes import RADIUS, slider_crank
 
 Outputs = dict[str, np.ndarray]
 N, SEED = 24, 123

@@ -14,7 +14,6 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 from runs import history, read_meshes, samples
-from scenes import meshes_of
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
@@ -29,6 +28,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene
+from scenes import meshes_of
 
 FACTOR = 3.0
 # what a linear propagation of the errors of steps left below a quarter, or at 0.44

@@ -20,9 +20,9 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.code import source
 from pgmp_petsc.code.constants import constants_of
+from pgmp_petsc.code.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.code.fmu import VERSIONS, write_fmu
 from pgmp_petsc.code.source import _weigh
-from pgmp_petsc.code.variables import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 

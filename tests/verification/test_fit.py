@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import full_model, history, reduced_model, samples
-from scenes import slider_crank
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
@@ -19,6 +18,7 @@ from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies import fitting
 from pgmp_petsc.studies.fitting import fit, uncertainty
 from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation
+from scenes import slider_crank
 
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",

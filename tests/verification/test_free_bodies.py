@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import history, samples
-from scenes import HEADER
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 #: Of arms and gimbals, whose mass a billion times that of the bodies would be felt in the digits that are compared.

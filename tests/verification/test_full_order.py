@@ -10,7 +10,6 @@ import pytest
 from elimination import Beams, chain, circle
 from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
-from scenes import CRANK, RADIUS, ROD, pendulum, slider_crank
 from scipy.special import ellipk
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
@@ -19,6 +18,7 @@ from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene
+from scenes import CRANK, RADIUS, ROD, pendulum, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
 SHORT = "simulation.duration=0.1"

@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 from runs import rom_of
-from scenes import kinematics_of, mechanism_of, meshes_of
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -21,6 +20,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import reduced_frequencies, tabulate_modes
+from scenes import kinematics_of, mechanism_of, meshes_of
 
 # one number of angles for all coordinates is what the scene's schema knows; the build takes one for each
 pytestmark = pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")

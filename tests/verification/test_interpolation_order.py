@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from runs import rom_of
-from scenes import slider_crank
 
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from scenes import slider_crank
 
 BASIS = ("reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true")
 TABLES = ("mass", "stiffness", "inertia")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import full_model, history, rom_of, samples
-from scenes import HEADER
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
@@ -15,6 +14,7 @@ from pgmp_petsc.indicator.coverage import why_not_of_full_order
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 LENGTHS = (0.4, 0.3, 0.2)

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import HEADER, slider_crank, straight
 from solid_scenes import HEIGHT, THICKNESS, solid_meshes
 from solids import rectangle_mesh
 
@@ -23,6 +22,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import HEADER, slider_crank, straight
 
 SOLID = f'element="solid2d", material="steel", thickness={THICKNESS}'
 ACCURATE = ("reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"')

@@ -11,13 +11,12 @@ from combinations import KINDS, TINY, meshes_for
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies.free_modes import free_modes
-from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
+from pgmp_petsc.dynamics.full_damping import ModalFactors, add_modal_damping
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.effects.modal_damping import ModalDamping, modal_damping
+from pgmp_petsc.effects.damping import ModalDamping, free_modes, modal_damping
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mechanism.space import cross_matrix
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.groups import RankGroup

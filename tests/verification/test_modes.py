@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.modes import dense_pencil as dense_module
-from pgmp_petsc.modes import problem as problem_module
-from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
+from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.modes import dense_pencil as dense_module, problem as problem_module
 from pgmp_petsc.modes.dense_pencil import DensePencil
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
+from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
 
 VALUES = {"r1": RADIUS}
 # Independent full-order reference of the paper's slider-crank, 5 elements a body, r1 = 5.6 mm (slider_crank_5el.json of

@@ -12,7 +12,6 @@ from differences import compare
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
 from mpi4py import MPI
 from runs import full_model, history, reduced_model, rom_of, samples
-from scenes import slider_crank
 from spatial_beams import SLIDER_CRANK, lines_of
 
 from pgmp_petsc.dynamics.status import Status
@@ -23,6 +22,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.member_errors import indicator_of
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import slider_crank
 
 #: Entries with two values each; the first one is nominal.
 NUMBERS = {

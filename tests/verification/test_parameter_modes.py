@@ -10,7 +10,6 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 from runs import built_rom, full_model, history, paper_scene, rom_of
-from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
@@ -19,13 +18,13 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction import build
-from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.snapshots import ParameterSnapshots
+from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 LOW = 0.7 * RADIUS

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import full_model, history, reduced_model, samples
-from scenes import PENDULUM, slider_crank
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import PENDULUM, slider_crank
 
 MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",

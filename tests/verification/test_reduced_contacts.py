@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 from runs import reduced_model, samples
-from scenes import slider_crank
 
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.models import ReducedModel
+from scenes import slider_crank
 
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.angles=24", 'reduction.interpolation="spline"',

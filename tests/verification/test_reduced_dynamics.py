@@ -18,15 +18,15 @@ from runs import (
     run_model,
     samples,
 )
-from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_energy import reduced_energy
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from scenes import RADIUS, slider_crank
 
 SHARES = (0.9, 1.0, 1.1)
 WIDE_SHARES = (0.7, 0.85, 1.0, 1.15, 1.3)

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
 from runs import history, reduced_model, rom_of, samples
-from scenes import RADIUS, kinematics_of, slider_crank
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
-from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import Samples
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.studies.modes_table import reduced_frequencies
+from scenes import RADIUS, kinematics_of, slider_crank
 
 SPLINE = 'reduction.interpolation="spline"'
 

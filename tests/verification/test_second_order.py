@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 from runs import quick_return, rom_of
-from scenes import four_bar, kinematics_of, pendulum, slider_crank
 from static_equilibrium import StaticEquilibrium
 
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -22,14 +21,15 @@ from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
-from pgmp_petsc.reduction.manifold import Manifold
+from pgmp_petsc.reduction.build import Manifold
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, unpacked
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler
-from pgmp_petsc.reduction.second_order import SecondOrderTables, pair_products, unpacked
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
+from scenes import four_bar, kinematics_of, pendulum, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.0]]}'

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from green_lagrange import energy_of
 from mpi4py import MPI
-from scenes import meshes_of, slider_crank
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space, spatial_slider_crank
 from spatial_beams import lines_of, slider_crank_of_beams
@@ -25,17 +24,17 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.manifold import Manifold
+from pgmp_petsc.reduction.build import Manifold, build_rom
+from pgmp_petsc.reduction.cell_products import pair_products
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
-from pgmp_petsc.reduction.second_order import pair_products
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.points import points_used
+from pgmp_petsc.scene.stress_checks import points_used
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import meshes_of, slider_crank
 
 HALVINGS = 5
 SECOND = "reduction.second_order=true"

@@ -12,7 +12,7 @@ from runs import full_model, reduced_model, rom_of
 from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.straight_beam import straight_beam
@@ -34,6 +34,7 @@ FORCES = (
     asked("crank_shear", "shear_force", "at=[0.15,0.0]", "crank"),
     asked("rod_worst", "stress_max", "", "rod"),
 )
+
 
 def mechanism(*settings: str) -> ReducedModel:
     """Return the slider-crank with forces in sections."""

@@ -10,18 +10,17 @@ from combinations import meshes_for, scene_of
 from differences import compare
 from mpi4py import MPI
 from runs import reduced_model
-from scenes import PENDULUM, slider_crank
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
-from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.gradients.observed import ObservedChanges
+from pgmp_petsc.gradients.differentiated import ObservedChanges, differentiate
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from scenes import PENDULUM, slider_crank
 
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",

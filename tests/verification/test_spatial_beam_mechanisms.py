@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from equations import evaluated
 from mpi4py import MPI
-from scenes import HEADER
 from spatial import DENSITY, SECOND_AXIS, TURN
 from spatial_beams import (
     HEIGHT,
@@ -28,8 +27,7 @@ from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.indicator.validity import BodyStrains, half_height
-from pgmp_petsc.mechanism.mechanism import linear_fields
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -37,6 +35,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import HEADER
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
 

@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eig, eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from scenes import STEEL, meshes_of, slider_crank
 from spatial import DENSITY
 from spatial_beams import (
     HEIGHT,
@@ -34,6 +33,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import STEEL, meshes_of, slider_crank
 
 # --- large deformations ----------------------------------------------------------------------------------------------
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import rom_of
-from scenes import slider_crank
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
 from spatial import (
@@ -33,16 +32,17 @@ from spatial import (
     spatial_slider_crank,
 )
 
-from pgmp_petsc.reduction import rigid_inertia
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction import rigid_inertia
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced
+from scenes import slider_crank
 
 GRAVITY = 9.81
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from effect_scenes import line_meshes, turning
 from mpi4py import MPI
-from scenes import STEEL
 from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, bars_of, table
 
@@ -18,6 +17,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.loading import scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full
+from scenes import STEEL
 
 LENGTH = 0.5
 AXIS = np.array([0.48, -0.6, 0.64])  # of the hinge; the bar is at a right angle to it

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from equations import load_vectors
 from mpi4py import MPI
-from scenes import meshes_of, slider_crank
 from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -24,6 +23,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import meshes_of, slider_crank
 
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}'
 WEIGHT = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.3]}'

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import HEADER, kinematics_of, slider_crank
 from scipy.spatial.transform import Rotation
 from spatial import (
     ROD,
@@ -22,11 +21,12 @@ from spatial import (
     table,
 )
 
-from pgmp_petsc.mechanism.body_gradients import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL, directors
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER, kinematics_of, slider_crank
 
 # more than a revolution, and places between the configurations of the continuation
 THETA = np.concatenate([np.linspace(0.0, 2 * np.pi, 37), np.random.default_rng(0).uniform(-15.0, 15.0, 40)])
@@ -486,7 +486,7 @@ def test_too_few_coordinates_are_refused() -> None:
     assert message.startswith(
         "joints: they leave the rigid mechanism 2 degrees of freedom (18 of its 3 bodies less 16 independent "
         "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can spin idly about the line "
-        'through its ball joints ball and cross: make one of them universal, which holds the spin: joints.cross: type '
+        "through its ball joints ball and cross: make one of them universal, which holds the spin: joints.cross: type "
         '= "universal", axis = ['
     )
     # with what it says the mechanism is sound

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import STEEL
 from spatial import WIDTH, assembled, bars_of, slider_crank_in_space, table
 
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -14,6 +13,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.simulate import simulate_full
+from scenes import STEEL
 
 LENGTH, MASS, INERTIA = 0.5, 0.7, 2e-3
 BAR_MASS = STEEL["rho"] * WIDTH**2 * LENGTH

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 from runs import history
-from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
 from scipy.optimize import brentq
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import kinematics_of_beams, pendulum_in_space, slider_crank_of_beams
@@ -29,6 +28,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
+from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
 
 G = 9.81
 AREA = np.pi * RADIUS**2

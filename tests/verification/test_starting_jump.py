@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
+from runs import reduced_model
 
-from pgmp_petsc.indicator.starting_jump import jump_remarks
+from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_reduced
-from runs import reduced_model
 from scenes import meshes_of, slider_crank
 
 LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.81

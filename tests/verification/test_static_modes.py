@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 from runs import quick_return, rom_of
-from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
@@ -22,6 +21,7 @@ from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
+from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
 STATIC = "reduction.static_modes=true"

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spatial
+from combinations import without_effects
 from mpi4py import MPI
+from runs import full_model, reduced_model
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.reduction.build import build_rom
@@ -21,8 +23,6 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from combinations import without_effects
-from runs import full_model, reduced_model
 from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(

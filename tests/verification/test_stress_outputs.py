@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from runs import accurate_scene, full_model, reduced_model
-from scenes import HEADER
 from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
@@ -26,9 +25,10 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import HEADER
 
 WITHIN = 0.02  # what stress outputs are asked to be within
 LENGTH, HEIGHT, WIDTH, FORCE = 1.0, 0.1, 0.01, 100.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import HEADER, meshes_of
 
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.models import FullModel
@@ -13,6 +12,7 @@ from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.balance import balance_remarks
 from pgmp_petsc.studies.simulate import simulate_full
+from scenes import HEADER, meshes_of
 
 # the rotation of a node vibrates with some 200 kHz (GA l / 4 over rho I l / 3), 200 periods a step
 ARM = (

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import STEEL, mechanism_of, pendulum, slider_crank
 from scipy.linalg import eigh, null_space
 from two_coordinates import double_pendulum, five_bar
 
@@ -18,6 +17,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from scenes import STEEL, mechanism_of, pendulum, slider_crank
 
 CONFIGURATIONS = np.array([[0.0, 0.0], [0.3, 1.7], [4.0, -2.5], [2.0, np.pi]])
 

@@ -13,7 +13,7 @@ from itertools import chain
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.remarks import Remark, warning
+from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.unit_systems import SI, unit_system
@@ -24,11 +24,8 @@ from pgmp_petsc.studies.plausibility.bodies import (
     matrix_findings,
     sizes_of,
 )
-from pgmp_petsc.studies.plausibility.loads import load_findings
-from pgmp_petsc.studies.plausibility.motion import motion_findings
-from pgmp_petsc.studies.plausibility.parameters import parameter_findings
-from pgmp_petsc.studies.plausibility.settings import setting_findings, unused_findings
-from pgmp_petsc.studies.plausibility.stops import stop_findings
+from pgmp_petsc.studies.plausibility.loads import load_findings, motion_findings, stop_findings
+from pgmp_petsc.studies.plausibility.settings import parameter_findings, setting_findings, unused_findings
 from pgmp_petsc.studies.plausibility.unit_systems import system_findings
 
 SEVERAL, SHOWN = 3, 6  # findings that are told as one, and entries of them that are named

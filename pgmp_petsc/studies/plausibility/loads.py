@@ -1,16 +1,30 @@
-"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be."""
+"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be.
+
+End stops that the mechanism starts in.
+
+How fast coordinates start and are driven.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+
+import numpy as np
 
 import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.impulses import impulse_of
-from pgmp_petsc.scene.load_parts import parts_of
-from pgmp_petsc.scene.slides import slides
+from pgmp_petsc.scene.effect_checks import impulse_of, parts_of
+from pgmp_petsc.scene.effects import EndStop, PrescribedMotion
 from pgmp_petsc.scene.unit_systems import SI, UnitSystem
+from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 
@@ -199,3 +213,121 @@ def _twice(scene: Scene) -> Iterator[Finding]:
 
 def _step_given(scene: Scene) -> bool:
     return scene.simulation.tolerance is None or "step" in scene.simulation.model_fields_set
+
+
+DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
+
+
+def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+    """Yield stops that are violated at the start.
+
+    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
+
+    Raises
+    ------
+    InputError
+        If it cannot be.
+    """
+    coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
+    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
+    kinematics = None
+    for name, effect in scene.effects.items():
+        if not isinstance(effect, EndStop):
+            continue
+        if effect.joint in coordinates:
+            start, deepest, unit = scene.initial_state(coordinates[effect.joint]).position, DEEPEST, "rad"
+        elif meshes is None or driven:
+            continue
+        else:
+            kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
+            start, unit = _measured(kinematics, scene, effect)
+            deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
+        for key, side in (("lower", -1.0), ("upper", 1.0)):
+            if getattr(effect, key) is None:
+                continue
+            where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
+            depth = side * (start - end)
+            if depth > 1e-9 * deepest:
+                make = refusal if depth > deepest else doubt
+                yield make(
+                    where,
+                    f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws "
+                    "it back; move the stop or the start (simulation.initial)",
+                    end,
+                )
+
+
+def _measured(kinematics: RigidKinematics, scene: Scene, effect: EndStop) -> tuple[float, str]:
+    """Return the angle or displacement of a joint at the start, and its unit."""
+    start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
+    mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
+    place = joint_measure(mechanism, effect)
+    frames, space = [place[side].frame_of_pose(poses) for side in "ab"], mechanism.space
+    if slides(scene, effect):
+        return float(place["statement"].value(*map(space.natural, frames))), "m"
+    return float(space.angle(place["statement"], *frames)), "rad"
+
+
+MANY_TURNS = 1e3 * 2 * math.pi  # rad
+N_LOOKED_AT = 2001  # instants of a run
+
+
+def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
+    """Yield starts and motions that are too fast."""
+    length, clock = system.length * max((size.length for size in sizes.values()), default=0.0), system.time
+    for name, state in scene.simulation.initial.items():
+        entry = f"simulation.initial.{name}"
+        where, velocity = named(scene, f"{entry}.velocity", state.velocity)
+        yield from _fast(where, velocity / clock, length, velocity)
+        if abs(state.position) > MANY_TURNS:
+            yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
+    for name, effect in scene.effects.items():
+        if isinstance(effect, kinds.PrescribedMotion):
+            yield from _driven(f"effects.{name}", effect, length, clock)
+            yield from _out_of_range(scene, name, effect)
+            if effect.table is not None and effect.table[0][0] > scene.simulation.duration:
+                yield doubt(
+                    f"effects.{name}.table",
+                    f"begins at {effect.table[0][0]:g} s, but the run ends at simulation.duration = "
+                    f"{scene.simulation.duration:g} s; nothing moves",
+                )
+
+
+def _driven(entry: str, effect: kinds.PrescribedMotion, length: float, clock: float) -> Iterator[Finding]:
+    if effect.harmonic is not None:
+        speed = 2 * math.pi * effect.harmonic.frequency_hz * effect.harmonic.amplitude
+        yield from _fast(f"{entry}.harmonic", speed / clock, length)
+    elif effect.spin_up is not None:
+        yield from _fast(f"{entry}.spin_up.speed", effect.spin_up.speed / clock, length, effect.spin_up.speed)
+    elif effect.constant_speed is not None:
+        speed = effect.constant_speed.speed
+        yield from _fast(f"{entry}.constant_speed.speed", speed / clock, length, speed)
+    else:
+        speed = max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(effect.table))
+        yield from _fast(f"{entry}.table", speed / clock, length)
+
+
+def _out_of_range(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[Finding]:
+    """Yield a finding if a motion leaves the range of its coordinate, which a periodic one does not."""
+    coordinate = scene.coordinates.get(effect.coordinate)
+    if coordinate is None or coordinate.periodic:
+        return
+    angles = Motion(name, effect).at(np.linspace(0.0, scene.simulation.duration, N_LOOKED_AT)).angle
+    low, high = coordinate.range
+    furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
+    if not low <= furthest <= high:
+        yield doubt(
+            f"effects.{name}",
+            f"moves {effect.coordinate} to {furthest:.6g} rad, beyond coordinates.{effect.coordinate}.range = "
+            f"[{low:g}, {high:g}], where reduced runs end; widen the range, or move less",
+        )
+
+
+def _fast(entry: str, speed: float, length: float, *received: float) -> Iterator[Finding]:
+    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip."""
+    tip = abs(speed) * length
+    words = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
+    if tip > LIGHT:
+        yield refusal(entry, f"{words}, faster than light", *received)
+    elif tip > FAST:
+        yield doubt(entry, f"{words}; speeds are in rad/s", *received)

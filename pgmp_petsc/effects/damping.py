@@ -1,0 +1,239 @@
+"""Modal damping of free bodies: a constant matrix in each body's frame, which turns with the body.
+
+    D = sum_i 2 zeta_i omega_i (M phi_i) (M phi_i)^T = P P^T,     forces  -R P P^T R^T q'
+
+with the elastic modes of the free body at the nominal parameters. Rigid motions are M-orthogonal to them and not
+damped. The rotation R of a beam is the mass-weighted mean of those of its nodes, in space the rotation closest to the
+mean of their directors. That of a body on a mesh is the one that brings the places of its points closest to where they
+are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass). The forces are
+those of `dynamics.full_modal`.
+
+The amplitudes of a body in a floating frame are those of its elastic modes at the nominal parameters, the first ones
+exact: each is damped by itself, ``2 zeta_i omega_i m_i xi_i'``, and the frame is R.
+
+In space a node has a position and three directors. Its angular velocity is ``1/2 sum_k d_k x d_k'``, so that a couple m
+acts on its director d_k with the force ``1/2 m x d_k``.
+
+Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions.
+
+The frames of a body on a mesh have neither mass nor stiffness of their own: its modes are those of its mesh.
+
+Damping within the bodies.
+
+Rayleigh's: stresses follow ``eps + beta eps'`` instead of the strains eps (Kelvin and Voigt), and the momentum is
+braken at the rate alpha, forces ``-alpha M q'``. With eps' the rate of the beam's own strains, a rigid motion is not
+damped by beta. Modal: ratios ``zeta_i`` of the elastic modes phi_i of each free body,
+
+    -sum_i 2 zeta_i omega_i M phi_i phi_i^T M R^T q',
+
+in the body's frame, which turns with its mean rotation R (`modal_damping`); the modes are M-orthogonal to rigid
+motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so
+that each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small
+steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import effects as schema
+
+
+@dataclass(frozen=True)
+class BodyDamping:
+    """Damping of one body.
+
+    Attributes
+    ----------
+    stiffness, mass
+        beta (s) and alpha (1/s).
+    ratios
+        ``zeta_i`` of its first elastic free modes.
+    """
+
+    stiffness: float = 0.0
+    mass: float = 0.0
+    ratios: tuple[float, ...] = ()
+
+
+class StructuralDamping(Effect):
+    """Structural damping; see the module.
+
+    Attributes
+    ----------
+    of_body
+        Damping of each of its bodies, by the body's number.
+    """
+
+    def __init__(self, name: str, entry: schema.StructuralDamping, mechanism: Mechanism) -> None:
+        super().__init__(name)
+        chosen = [
+            i
+            for i, body in enumerate(mechanism.bodies)
+            if (body.flexible if entry.bodies is None else body.name in entry.bodies)
+        ]
+        self.of_body = {i: BodyDamping(entry.stiffness, entry.mass, entry.ratios) for i in chosen}
+
+
+@dataclass(frozen=True)
+class ModalDamping:
+    """Modal damping of one body.
+
+    Attributes
+    ----------
+    effect
+        Name of the effect.
+    body
+        Number of the body.
+    dofs
+        Its unknowns that are damped, node after node, shape (n_own,).
+    factor
+        P in the body's frame, velocities and spins node after node, shape (n_rows, n_modes).
+    levers
+        What R is measured by: where nodes have rotations of their own their shares in the body's mass, shape (n_nodes,
+        1), and on a mesh ``M X'``, shape (n_nodes, d), kg m.
+    """
+
+    effect: str
+    body: int
+    dofs: np.ndarray
+    factor: np.ndarray
+    levers: np.ndarray
+
+
+def modal_damping(
+    effects: Sequence[Effect], bodies: Sequence[Body], nominal: Mapping[str, float]
+) -> tuple[ModalDamping, ...]:
+    """Return the modal damping of all bodies on their meshes that have one, for bodies as the unknowns are numbered.
+
+    Raises
+    ------
+    InputError
+        If a body's mesh has fewer modes than ratios are given.
+    """
+    found = []
+    for effect in effects:
+        if isinstance(effect, StructuralDamping):
+            for number, damping in effect.of_body.items():
+                if any(damping.ratios) and bodies[number].floating is None:
+                    found.append(_of_body(effect.name, number, bodies[number], damping.ratios, nominal))
+    return tuple(found)
+
+
+def amplitude_damping(
+    effects: Sequence[Effect], bodies: Sequence[Body], nominal: Mapping[str, float]
+) -> dict[int, tuple[str, np.ndarray]]:
+    """Return, by the number of the body, the effect and ``2 zeta_i omega_i m_i`` of every amplitude, shape (n,), N s/m,
+    of bodies in floating frames.
+
+    Raises
+    ------
+    InputError
+        If a body has fewer component modes than ratios are given.
+    """
+    found = {}
+    for effect in effects:
+        if isinstance(effect, StructuralDamping):
+            for number, damping in effect.of_body.items():
+                floating, n = bodies[number].floating, len(damping.ratios)
+                if floating is None or not any(damping.ratios):
+                    continue
+                if n > floating.n:
+                    raise InputError(
+                        f"effects.{effect.name}.ratios: {n} modes of {bodies[number].name} are asked for; it has "
+                        f"{floating.n} component modes; take more reduction.modes"
+                    )
+                mass, stiffness = floating.modal(nominal)
+                coefficients = np.zeros(floating.n)
+                coefficients[:n] = 2.0 * np.array(damping.ratios) * np.sqrt(stiffness * mass)[:n]
+                found[number] = effect.name, coefficients
+    return found
+
+
+def _of_body(
+    effect: str, number: int, body: Body, ratios: Sequence[float], nominal: Mapping[str, float]
+) -> ModalDamping:
+    omega, phi, mass = free_modes(body, nominal, len(ratios), f"effects.{effect}.ratios")
+    factor = mass @ phi * np.sqrt(2.0 * np.array(ratios) * omega)
+    if body.meshed is not None:
+        places = body.meshed.solid.mesh.nodes
+        d = places.shape[1]
+        along = mass[::d, ::d]
+        centre = np.asarray(along.sum(axis=0)) @ places / along.sum()
+        return ModalDamping(effect, number, own_unknowns(body), factor, along @ (places - centre))
+    of_nodes = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs, None]
+    shares = of_nodes / of_nodes.sum()
+    own = own_unknowns(body)
+    if body.node_dofs == SPATIAL.n_dofs:
+        own = np.arange(*(SPATIAL.n_pose * node for node in (body.nodes.start, body.nodes.stop)))
+    return ModalDamping(effect, number, own, factor, shares)
+
+
+DENSE = 300  # unknowns up to which a dense solver is faster
+
+
+def free_modes(
+    body: Body, values: Mapping[str, float], n_modes: int, entry: str
+) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+    """Compute the first elastic modes of a body.
+
+    Parameters
+    ----------
+    body
+        A flexible body.
+    values
+        Parameter values.
+    n_modes
+        Number of modes.
+    entry
+        The scene entry that asks for them, for messages.
+
+    Returns
+    -------
+    omega
+        Angular frequencies, shape (n_modes,), rad/s.
+    phi
+        M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `own_unknowns`.
+    mass
+        M, shape (n_own, n_own).
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer modes.
+    """
+    alone = body.alone()
+    own = own_unknowns(alone)
+    n_dofs, n_rigid = own.size, alone.node_dofs  # as many rigid motions as a node has unknowns
+    if n_modes > n_dofs - n_rigid:
+        raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
+    matrices = assemble([alone], range(alone.dofs.size))
+    mass, stiffness = (weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness))
+    wanted = n_rigid + n_modes
+    if n_dofs <= DENSE or wanted >= n_dofs - 1:
+        squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))
+    else:
+        # a small negative shift keeps the matrix regular in spite of the rigid motions
+        shift = -1e-9 * stiffness.diagonal().sum() / mass.diagonal().sum()
+        start = np.random.default_rng(0).standard_normal(n_dofs)
+        squares, vectors = eigsh(stiffness.tocsc(), wanted, mass.tocsc(), sigma=shift, v0=start)
+        order = np.argsort(squares)
+        squares, vectors = squares[order], vectors[:, order]
+    return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:], mass
+
+
+def own_unknowns(body: Body) -> np.ndarray:
+    """Return the unknowns of a body that have mass and stiffness, shape (n_own,)."""
+    return body.dofs if body.meshed is None else body.dofs[body.node_dofs * body.n_nodes :]

@@ -1,0 +1,190 @@
+"""A force on a point of a body: along a direction of the ground, of the body, or towards another point.
+
+A force with a direction of the ground on a node is a load; one that turns with its body, one that pulls towards a
+point, and any force on a rigid body away from its centre of mass depend on the state, and are actions: on the place of
+the point along the direction, or on its distance from the other one.
+
+A torque in a revolute joint: a couple on the second body and its reaction on the first, over time.
+
+Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import ActionEffect, Effect
+from pgmp_petsc.effects.laws import SOURCE
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.time_function import amplitude_of
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, on_mesh
+from pgmp_petsc.mechanism.statements import along, distance, following
+from pgmp_petsc.scene import effects as schema
+
+GROUND_ORIGIN = "ground:origin"
+
+
+def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
+    """Return the effect that fits the force's direction; see the module."""
+    point = mechanism.attachment(entry.point, f"effects.{name}.point")
+    other = mechanism.attachment(entry.towards or GROUND_ORIGIN, f"effects.{name}.towards")
+    scale, amplitude = Quantity.of(entry.scale), amplitude_of(entry)
+    if entry.towards is not None:
+        # it makes the distance shorter
+        statement, scale = distance(mechanism.space.dimension), -1.0 * scale
+    elif entry.follows:
+        statement = following(np.array(entry.direction))
+    else:
+        statement = along(np.array(entry.direction))
+        if point.at_node:
+            return FixedForce(name, entry, other, point, _is_guided(mechanism, point))
+    return ActionEffect(name, [Action(name, statement, other, point, SOURCE, (scale,), amplitude)], mechanism)
+
+
+def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
+    """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
+    return any(c.b.node == point.node and not c.joint.holds_position for c in mechanism.connections)
+
+
+class FixedForce(Effect):
+    """A force on a node that keeps its direction in space.
+
+    Parameters
+    ----------
+    ground, point
+        The ground's origin, and where it acts.
+    guided
+        Whether a guide takes up a part of it: then there is no answer to both axes of the body, but to the force as it
+        is.
+    """
+
+    def __init__(self, name: str, entry: schema.Force, ground: Attachment, point: Attachment, guided: bool) -> None:
+        super().__init__(name)
+        self.strength = amplitude_of(entry)
+        self._scale = Quantity.of(entry.scale)
+        self._direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
+        self._ground, self._point, self._guided = ground, point, guided
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return one term: a unit force at the node."""
+        vector = self._vector(matrices, self._scale.coefficient * self._direction)
+        return [Load(self.name, self._scale.monomial, vector)]
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return unit forces along all axes of the body in whose frame the direction turns; none of a guided point."""
+        return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(self._direction.size)]
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the force on a guided point, in its own direction."""
+        if not self._guided:
+            return []
+        return [Action(self.name, along(self._direction), self._ground, self._point, SOURCE, (self._scale,))]
+
+    def _vector(self, matrices: AffineMatrices, components: np.ndarray) -> np.ndarray:
+        vector = np.zeros(len(matrices.rows))
+        for dof, component in zip(self._point.dofs, components):
+            if dof in matrices.rows:
+                vector[dof - matrices.rows.start] = component
+        return vector
+
+
+class Torque(Effect):
+    """Torque effect; see the module."""
+
+    def __init__(self, name: str, entry: schema.Torque, mechanism: Mechanism) -> None:
+        super().__init__(name)
+        self.strength = amplitude_of(entry)
+        self._scale = Quantity.of(entry.scale)
+        self._connection = mechanism.connection(entry.joint)
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return one term: unit couples about the joint's axis at its nodes; the axis is fixed in both bodies."""
+        vector = self._scale.coefficient * _couples(self._connection, matrices)
+        return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
+
+    def natural_actions(self) -> list[Action]:
+        """Return the torque on the joint's angle."""
+        joint = self._connection
+        return [Action(self.name, joint.angle, joint.a, joint.b, SOURCE, (self._scale,), self.strength)]
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the couples, which are constant in the bodies."""
+        return [load.vector for load in self.loads(matrices)]
+
+
+class HoldingTorque(Effect):
+    """What holds a coordinate until a run starts: no load in the run, but the static basis answers it."""
+
+    def __init__(self, coordinate: Coordinate) -> None:
+        super().__init__(f"hold {coordinate.name}")
+        self._connection = coordinate.connection
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the couples on the coordinate's joint."""
+        return [_couples(self._connection, matrices)]
+
+
+def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
+    """Return unit couples about a joint's axis at its nodes, on the rows of `matrices`."""
+    vector = np.zeros(len(matrices.rows))
+    for sign, side, axes in zip((-1.0, 1.0), connection.sides, connection.axes):
+        axis = axes[:, 0] if len(axes) == 3 else np.ones(1)  # in the plane rotations have one component
+        for dof, component in zip(side.dofs[-axis.size :], axis):
+            if not side.on_ground and dof in matrices.rows:
+                vector[dof - matrices.rows.start] += sign * component
+    return vector
+
+
+class Gravity(Effect):
+    """Gravity effect; see the module.
+
+    Attributes
+    ----------
+    direction
+        Of the acceleration, a unit vector of shape (d,).
+    acceleration
+        Its size, m/s2.
+    """
+
+    conservative = True
+
+    def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
+        super().__init__(name)
+        direction = self.direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
+        self.acceleration = Quantity.of(entry.acceleration)
+        self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
+        self._bodies = mechanism.bodies
+        self._mechanism = mechanism
+        self._field = np.zeros(mechanism.n_dofs)
+        mechanism.by_node(self._field)[:, : direction.size] = direction * self.acceleration.coefficient
+        for body in mechanism.bodies:
+            if body.meshed is not None:
+                on_mesh(body, self._field)[:] = direction * self.acceleration.coefficient
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
+        # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
+        return [
+            Load(self.name, weight * self.acceleration.monomial, mass @ self._field, (weight, self._field))
+            for weight, mass in matrices.mass.items()
+            if weight in self._translational
+        ]
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the weight of every body along the two axes of its own frame: gravity turns in it."""
+        vectors = []
+        for body in self._bodies:
+            for weight, axis in product(sorted(body.translational_weights), range(self._mechanism.space.dimension)):
+                field = np.zeros_like(self._field)
+                self._mechanism.by_node(field)[body.nodes, axis] = 1.0
+                if body.meshed is not None:
+                    on_mesh(body, field)[:, axis] = 1.0
+                vectors.append(matrices.mass[weight] @ field)
+        return vectors
