@@ -35,8 +35,8 @@ def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
     """In the terminal, among the remarks and in the file."""
     reason, time = "two estimates disagree", np.array([0.0, 1.0])
     outputs = {"tip": np.full(2, np.nan), "angle": np.zeros(2)}
-    errors = EstimatedErrors(time, outputs, {"tip": 1.0, "angle": 1.0}, {"tip": reason})
-    line, other = of_trajectory(errors, {"tip": "m", "angle": "rad"})[1:]
+    errors = EstimatedErrors(time, outputs, {"tip": 1.0, "angle": 1.0}, absent={"tip": reason})
+    line, other = of_trajectory(errors, {"tip": "m", "angle": "rad"}, 1.0)[1:]
     assert line.endswith(f"not estimated: {reason}") and reason not in other
     (remark,) = not_estimated(errors, slider_crank())
     assert "errors were not estimated for tip: two estimates disagree; " in remark.text

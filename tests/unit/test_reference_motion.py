@@ -74,8 +74,6 @@ def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -
         ends = (model.frames_of(state[0] + sign * 1e-3 * state[2]) for sign in (1.0, -1.0))
         plus, minus = (frames.reshape(-1, 3) for frames in ends)
         np.testing.assert_allclose(motion.at(number).a, (plus - minus) / 2e-3, rtol=0, atol=1e-8)
-        shaken = model.frames_of(state[0] + state[3]).reshape(-1, 3)
-        np.testing.assert_allclose(motion.at(number).shaken, shaken, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("turning", [0.0, 5.0])
@@ -90,7 +88,7 @@ def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
     states = states_of(model)
     states[:, 1, :, 0] = turning
     states[:, 2, :, 0] = 1e3
-    states[:, 2, :, 1:] *= 1e8
+    states[:, 2, :, 1:] *= 1e9
     motion = motion_of(model, states)
     unknowns = CheckingModel(model).unknowns_of
     rotations = CheckingModel(model).rotations
