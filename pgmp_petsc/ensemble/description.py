@@ -320,7 +320,7 @@ def _estimate_remarks(
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene, remarks = origin.scene, [*origin.not_estimated]
-    why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
+    why = "the run with a coarser step, which they are taken from, failed or has too few steps; take a smaller simulation.step"
     if origin.model == "reduced":
         remarks += remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"

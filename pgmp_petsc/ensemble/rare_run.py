@@ -19,17 +19,32 @@ from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
+from pgmp_petsc.ensemble.quantities import in_words
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
-from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
+from pgmp_petsc.models import (
+    REDUCED,
+    FullModel,
+    LengthLanes,
+    Model,
+    ReducedModel,
+    of_samples,
+)
 from pgmp_petsc.reduction.served_range import outside_of
-from pgmp_petsc.results.numbers import with_unit
 from pgmp_petsc.results.rare_event import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
+from pgmp_petsc.runtime.errors import (
+    InputError,
+    PgmpError,
+    Remark,
+    nearest_name,
+    note,
+    shortened,
+    warning,
+)
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
@@ -120,11 +135,10 @@ def stepping_names(scene: Scene) -> list[str]:
     return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
-def words_of(event: Event, unit: str) -> str:
-    """Return an event in words."""
-    side = "above" if event.above is not None else "below"
-    when = "at the end" if event.when == "end" else "at any time"
-    return f"{event.output} {side} {with_unit(event.level, unit, 6)} {when}"
+def text_of(event: Event) -> str:
+    """Return an event as ``--rare`` takes it."""
+    side = ">" if event.above is not None else "<"
+    return f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {event.level!r}"
 
 
 class _Runs:
@@ -233,7 +247,7 @@ def _result(
     weight = np.zeros(value.size)
     weight[value.size - found.weights.size :] = found.weights
     values, probabilities = found.curve()
-    confidence, words = scene.ensemble.confidence, words_of(event, unit)
+    confidence, words = scene.ensemble.confidence, in_words(event, unit)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
     estimated = isinstance(model, (FullModel, *REDUCED))
     remarks = rare_remarks(found, status, estimated, confidence)
@@ -250,6 +264,7 @@ def _result(
         model=model.name,
         record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
         event=words,
+        text=text_of(event),
         output=event.output,
         unit=unit,
         confidence=confidence,

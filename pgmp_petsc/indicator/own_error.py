@@ -87,11 +87,22 @@ def of_statistics(
     described
         What goes by the mean, and what by the spread.
     """
-    told = [text for name, values in quantities if name in errors for text in _of_quantity(
-        name, values, errors[name], fine, units.get(name, "1"), described)]  # fmt: skip
-    if not told:
-        return ()
-    return (warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"),)
+    told, n_checked = [], 0
+    for name, values in quantities:
+        if name in errors:
+            n_checked = max(n_checked, int(np.sum(fine & np.isfinite(errors[name]) & np.isfinite(values))))
+            told += _of_quantity(name, values, errors[name], fine, units.get(name, "1"), described)
+    said = []
+    if told:
+        said.append(warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"))
+    if 0 < n_checked < FEWEST:
+        said.append(
+            note(
+                f"what errors of the reduced model do to a {described[1]} is not known: it takes {FEWEST} checked samples, "
+                f"and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
+            )
+        )
+    return tuple(said)
 
 
 def _of_quantity(

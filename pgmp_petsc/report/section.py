@@ -341,13 +341,6 @@ def _rare_event(source: Source) -> Table:
     return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
 
 
-def _event_text(found: RareEvent) -> str:
-    """Return an event as --rare takes it."""
-    words = found.event.split()
-    ever = "ever " if words[-1] == "time" else ""
-    return f"{ever}{found.output} {'>' if words[1] == 'above' else '<'} {words[2]}"
-
-
 def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
     """Return the files, kind and text of every remark, once, warnings first."""
     found: dict[tuple[str, str], list[str]] = {}
@@ -403,8 +396,7 @@ def _commands(sources: Sequence[Source]) -> list[str]:
             seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
             found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
         elif isinstance(result, RareEvent):
-            event = shlex.quote(_event_text(result))
-            asked = f"-n {result.asked} --seed {result.record.seed} --rare {event}"
+            asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         else:
             values = "".join(f" --set {name}={value!r}" for name, value in result.record.parameters.items())

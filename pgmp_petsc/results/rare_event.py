@@ -92,6 +92,8 @@ class RareEvent:
         What comes true, in words; the output that it is of, and the output's unit.
     names
         Parameters, in the order of `normal`.
+    text
+        The event as ``--rare`` takes it; empty in files of earlier versions.
     asked
         Samples that it might take; those of exact derivatives are not among its samples.
     """
@@ -119,6 +121,7 @@ class RareEvent:
     status: np.ndarray
     most_likely: MostLikely | None = None
     asked: int = 0
+    text: str = ""
 
     def __post_init__(self) -> None:
         check_model(self.model)
@@ -145,7 +148,7 @@ class RareEvent:
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {name: getattr(self, name) for name in ("model", "event", "output", "confidence", "asked")}
+        attributes = {name: getattr(self, name) for name in ("model", "event", "output", "confidence", "asked", "text")}
         with write_file(path, KIND, attributes | {"parameters_drawn": list(self.names)}) as file:
             self.record.write(file)
             of_event = f"probability of '{self.event}'"
@@ -184,6 +187,7 @@ class RareEvent:
                 record=RunRecord.read(file),
                 confidence=float(file.attrs["confidence"]),
                 asked=int(file.attrs.get("asked", samples["value"].size)),
+                text=str(file.attrs.get("text", "")),
                 unit=str(samples["value"].attrs["unit"]),
                 interval=take(chance, "interval", 1),
                 curve=(take(file["curve"], "value", 1), take(file["curve"], "probability", 1)),

@@ -443,16 +443,6 @@ CASES = {
     "parameters of a trajectory": Case(
         ("export", SCENE, "-o", "{folder}/x.xdmf", "--set", "r1=5e-3"), ("--set and --override are for",)
     ),
-    "an output that C does not have": Case(
-        (
-            "export",
-            ROM,
-            "-o",
-            "{folder}/m",
-            *overridden('outputs.s={{type="stress",body="rod",quantity="stress_max"}}'),
-        ),
-        ("outputs.s", "an output of type stress"),
-    ),
     "options for PETSc": Case(("info", ROM, "--", "-log_view"), ("'info' does not use PETSc",)),
     # the trade-off study
     "no outputs": Case(("tradeoff", SCENE, "-o", OUT, *overridden("outputs={{}}")), ("outputs: the scene has none",)),

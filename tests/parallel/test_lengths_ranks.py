@@ -56,8 +56,9 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path
             np.testing.assert_array_equal(several.outputs[output], values)
         words = "contain what they are off by" if name == "reduced" else "each sample has a mesh of its own lengths"
         assert any(words in remark.text for remark in several.record.remarks)
-        assert bool(several.validity) == bool(several.errors) == (name == "reduced")
+        assert bool(several.validity) == (name == "reduced") and several.errors
         for kind in ("errors", "validity"):
             for key, values in getattr(expected, kind).items():
                 np.testing.assert_array_equal(getattr(several, kind)[key], values)
-                assert np.isfinite(values[:1]).all() or key == "stiffness_lost"
+                # so few steps of a mesh tell nothing of their own error, which is said
+                assert np.isfinite(values[:1]).all() or key == "stiffness_lost" or name == "full"

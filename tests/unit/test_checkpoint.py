@@ -309,7 +309,9 @@ def test_pieces_are_pushed_to_the_disk_now_and_then(plan: Plan, monkeypatch: pyt
     clock, pushed = [0.0], []
     monkeypatch.setattr(checkpoint_folder.time, "monotonic", lambda: clock[0])
     checkpoint = started(plan)
-    monkeypatch.setattr(files, "synchronise_file", lambda path: pushed.append((clock[0], path.name.split(".")[1])))
+    monkeypatch.setattr(
+        files, "synchronise_file", lambda path: path.is_file() and pushed.append((clock[0], path.name.split(".")[1]))
+    )
     for first in range(12):
         add(checkpoint, first, 1)
         clock[0] += 0.4 if first < 8 else 1.5

@@ -248,7 +248,7 @@ def test_data_are_handed_out_with_all_digits(folder: Path, tree: Element) -> Non
 
 
 def test_tables_that_are_cut_say_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pgmp_petsc.report.downloads.MOST_NUMBERS", 400)
+    monkeypatch.setattr("pgmp_petsc.report.section.MOST_NUMBERS", 400)
     [[source]], _ = read_sources([folder / "run.h5"])
     table = downloads_of(source)[0]
     assert table.about == "outputs over time, the first 100 of 1001 rows: the file has all"

@@ -112,7 +112,7 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
 
 def test_no_study_of_errors_is_offered_that_takes_no_third_coordinate() -> None:
     (said,) = why_not_of_full_order(full_model(chain(True)))
-    assert said.text.endswith("compare with a finer mesh and a smaller simulation.step")
+    assert said.text.endswith("compare with a finer mesh")
 
 
 LINKS = {"base": 0.3, "upper": 0.5, "fore": 0.45, "roll": 0.08, "pitch": 0.08, "hand": 0.1}
