@@ -2,11 +2,9 @@
 
 meshio's reader forgets these numbers and stops at elements that it does not know, whose matrices are of no less use.
 
-Sets of Abaqus files that meshio 5 would read wrongly without a word.
-
-Its reader keeps the last of several cards for one set; it deals out the sets that ELEMENT cards name to the blocks of
-cells by counting them, which is wrong once a card before has named none; and it does not tell which cells a set has
-that is made from other sets.
+Files with sets that it would read wrongly without a word are refused: it keeps the last of several cards for one set;
+it deals out the sets that ELEMENT cards name to the blocks of cells by counting them, which is wrong once a card
+before has named none; and it does not tell which cells a set has that is made from other sets.
 """
 
 from __future__ import annotations
@@ -128,6 +126,7 @@ def _cards(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
 
 
 SUFFIX = ".inp"
+OF_SETS = ("ELEMENT", "ELSET", "NSET")  # cards that hold sets, or name one
 
 
 def check_sets(path: Path, received: str) -> None:
@@ -143,7 +142,10 @@ def check_sets(path: Path, received: str) -> None:
     if path.suffix.lower() != SUFFIX:
         return
     known, bare_element_card = set(), False
-    for keyword, options, data in _cards_of_sets(path):
+    for keyword, options, lines in _cards(path):
+        if keyword not in OF_SETS:
+            continue
+        data = lines[0] if lines else ""
         card = f'{received}: the set "{options.get("ELSET", options.get("NSET"))}"'
         if keyword == "ELEMENT" and "ELSET" not in options:
             bare_element_card = True
@@ -160,23 +162,3 @@ def check_sets(path: Path, received: str) -> None:
             )
         if keyword != "ELEMENT" and not data.split(",")[0].strip().isdecimal() and data.strip():
             raise InputError(f"{card} is made from other sets, which meshio does not tell; its card must list numbers")
-
-
-def _cards_of_sets(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
-    """Yield keyword, options and first line of data of the cards that hold elements or sets, names in capitals."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        card = None
-        for line in file:
-            if line.startswith("**") or not line.strip():
-                continue
-            if card is not None and not line.startswith("*"):
-                yield (*card, line)
-                card = None
-            elif line.startswith("*"):
-                if card is not None:
-                    yield (*card, "")
-                keyword, *words = (word.strip() for word in line[1:].split(","))
-                options = {key.strip().upper(): value.strip() for key, _, value in (w.partition("=") for w in words)}
-                card = (keyword.upper(), options) if keyword.upper() in ("ELEMENT", "ELSET", "NSET") else None
-        if card is not None:
-            yield (*card, "")
