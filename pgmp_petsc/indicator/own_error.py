@@ -98,8 +98,8 @@ def of_statistics(
     if 0 < n_checked < FEWEST:
         said.append(
             note(
-                f"what errors of the reduced model do to the {described[1]} is not known: it takes {FEWEST} checked samples, "
-                f"and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
+                f"what errors of the reduced model do to deviations and quantiles is not known: it takes {FEWEST} checked "
+                f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
             )
         )
     return tuple(said)

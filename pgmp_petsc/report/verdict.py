@@ -287,9 +287,10 @@ def headline_of_ensemble(path: Path) -> str:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]
             unit = ensemble.units.get(name, "1")
-            mean = f"{number_text(s.mean, s.mean_interval, 7)} {interval_text(s.mean_interval)}"
-            mean = f"{s.mean:.7g}, constant" if s.constant else mean
-            parts.append(f"mean {name} {mean}{'' if unit == '1' else ' ' + unit}")
+            factor, shown = axis_unit(unit, np.array([s.mean]))
+            mean, ends = factor * s.mean, factor * s.mean_interval
+            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
+            parts.append(f"mean {name} {words}{'' if unit == '1' else ' ' + shown}")
     return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
 
 
