@@ -211,7 +211,7 @@ def _built(
 def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
     """Return whether stress outputs are asked for of bodies that parameters change."""
     weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
-    return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights) and not length_names(scene)
+    return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
 
 
 def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, ...]:

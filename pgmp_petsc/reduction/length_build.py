@@ -192,7 +192,8 @@ class _Gauge:
             scheme = scene.reduction.interpolation
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme)
             tables = replace(tables, changes=changes)
-        turned = replace(member, tables=tables, projection=projection, curvature=curvature, meshes={})
+        missed = None if member.missed is None else member.missed.turned(rotations)
+        turned = replace(member, tables=tables, projection=projection, curvature=curvature, missed=missed, meshes={})
         return turned, _least_cosine(gram, crossed, square)
 
 

@@ -24,6 +24,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.length_grid import LengthGrid
+from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -41,7 +42,8 @@ OF_TABLES = {
 }
 OF_SECOND_ORDER = ("cubic", "curved_load", "curved_inertia")
 OF_CHANGES = ("gyroscopic", "spread")
-Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges)
+OF_MISSED = ("forces", "answers")
+Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +113,7 @@ class LengthFamily:
             stiffness_changes=self._of_parts(
                 scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
             ),
+            missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
             meshes=at_lengths(scene, nominal.meshes),
         )
 

@@ -30,7 +30,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ReducedTables, beside_rigid
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -60,16 +60,25 @@ class MissedAnswers:
     forces: np.ndarray
     answers: np.ndarray
 
+    def turned(self, rotations: np.ndarray) -> MissedAnswers:
+        """Express the flexible coordinates in another basis of the same space, ``Psi_new = Psi Q``, Q (n, m, m)."""
+        n_terms, whole = self.forces.shape[1], beside_rigid(rotations, self.forces.shape[-1] - rotations.shape[1])
+        rows = n_terms * whole.shape[1]
+        parts = np.split(self.answers, [rows], axis=1)
+        parts = [
+            np.einsum("nij,ntik->ntjk", by, part.reshape(len(by), -1, by.shape[1], part.shape[-1])).reshape(part.shape)
+            for by, part in zip((whole, rotations), parts)
+        ]
+        forces = np.einsum("nki,ntkl,nlj->ntij", whole, self.forces, whole, optimize=True)
+        return replace(self, forces=forces, answers=np.concatenate(parts, axis=1))
+
     def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> MissedAnswers:
         """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
-        n, n_w, q, _ = self.forces.shape
-        ours = np.concatenate([np.ones(q - signs.size), signs])
-        rows = np.concatenate([np.tile(ours, n_w), np.tile(signs, self.answers.shape[1] // signs.size)])
-        rows = rows[: self.answers.shape[1], None]
+        second = self.turned(np.broadcast_to(np.diag(signs), (len(self.forces), signs.size, signs.size)))
         return replace(
             self,
-            forces=samples.twice(axis, self.forces, ours[:, None] * self.forces * ours),
-            answers=samples.twice(axis, self.answers, rows * self.answers),
+            forces=samples.twice(axis, self.forces, second.forces),
+            answers=samples.twice(axis, self.answers, second.answers),
         )
 
 

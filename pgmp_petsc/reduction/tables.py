@@ -94,10 +94,7 @@ class ReducedTables:
             Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
             vectors.
         """
-        n, m, n_new = rotations.shape
-        whole = np.zeros((n, self.n_coordinates + m, self.n_coordinates + n_new))
-        whole[:, : self.n_coordinates, : self.n_coordinates] = np.eye(self.n_coordinates)
-        whole[:, self.n_coordinates :, self.n_coordinates :] = rotations
+        whole = beside_rigid(rotations, self.n_coordinates)
         return replace(
             self,
             mass=congruent(whole, self.mass),
@@ -150,6 +147,15 @@ class ReducedTables:
         lower = np.linalg.inv(np.linalg.cholesky(flexible))
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+
+
+def beside_rigid(rotations: np.ndarray, n_rigid: int) -> np.ndarray:
+    """Return what leaves rigid vectors as they are before rotations (n, m, n_new), (n, n_rigid + m, n_rigid + n_new)."""
+    n, m, n_new = rotations.shape
+    whole = np.zeros((n, n_rigid + m, n_rigid + n_new))
+    whole[:, :n_rigid, :n_rigid] = np.eye(n_rigid)
+    whole[:, n_rigid:, n_rigid:] = rotations
+    return whole
 
 
 def flipping_signs(n: int, flipped: np.ndarray) -> np.ndarray:

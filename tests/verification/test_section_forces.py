@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
+from length_scenes import long_crank
 from mpi4py import MPI
 from runs import full_model, reduced_model, rom_of
 from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
+from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
@@ -58,6 +61,29 @@ def test_forces_follow_the_mesh_at_every_radius(radius: float) -> None:
         assert np.max(np.abs(found.outputs[name] - exact)) < (0.02 if radius < THINNER else 0.006) * largest, name
     worse, shear = run(without_answers(model)), reference.outputs["crank_shear"]
     assert np.max(np.abs(worse.outputs["crank_shear"] - shear)) > 0.1 * np.max(np.abs(shear))
+
+
+def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
+    """Of a rod of another length and a crank of another radius at once, in a single run and in lanes; without answers
+    shear in the crank was 24 % off and axial forces 8 to 22 %."""
+    late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
+    changed = (*FORCES, late, "effects.weight.acceleration=1e-9", "simulation.duration=0.25", "reduction.length_points=4")
+    model = reduced_model(long_crank(*changed, settings=("rod_length=0.68", f"r1={THINNER}")))
+    family = model.rom.family
+    members = tuple(replace(member, missed=None) for member in family.members)
+    bare = ReducedModel(model.scene, replace(model.rom, missed=None, family=replace(family, members=members)))
+    found, worse, reference = run(model), run(bare), run(full_model(model.scene))
+    lanes = of_samples(model, ["rod_length"])
+    batch = lanes.batch({name: np.full(2, value) for name, value in model.scene.values.items()}, 2)
+    ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
+    for name, exact in reference.outputs.items():
+        largest = np.max(np.abs(exact))
+        # 48 angles and three modes leave 3.5 % of the rod's axial force where nothing is missed, at the nominal radius
+        assert np.max(np.abs(found.outputs[name] - exact)) < 0.05 * largest, name
+        assert np.max(np.abs(ended[name] - exact[-1])) < 0.05 * largest, name
+    for name in ("crank_force", "crank_shear", "rod_force"):
+        exact = reference.outputs[name]
+        assert np.max(np.abs(worse.outputs[name] - exact)) > 3.0 * np.max(np.abs(found.outputs[name] - exact)), name
 
 
 def test_nothing_is_missed_at_the_nominal_parameters() -> None:
