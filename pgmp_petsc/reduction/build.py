@@ -38,7 +38,7 @@ from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.mode_changes import StiffnessChanges, mode_changes
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
@@ -101,7 +101,7 @@ def build_rom(
     return build_over_lengths(
         scene,
         meshes,
-        lambda own, shapes, samples: _condensed_and_built(own, shapes, group, _Way(scramble, None, samples)),
+        lambda own, shapes, *given: _condensed_and_built(own, shapes, group, _Way(scramble, None, *given)),
         group.world,
     )
 
@@ -116,11 +116,14 @@ class _Way:
         As of `build_rom`.
     samples
         Its configurations, or the first of them; None leaves them to the scene.
+    points
+        Parameter values whose vectors extend the basis; None searches them.
     """
 
     scramble: Callable[[ModeSet], ModeSet]
     checkpoint: BuildCheckpoint | None
     samples: SampleGrid | None = None
+    points: ParameterPoints | None = None
 
 
 def _condensed_and_built(
@@ -159,7 +162,7 @@ def _built(
             opened.enter_context(problem)
             static_loads = StaticLoads.of(problem, patterns, scene.reduction)
         with timings.phase("points"):
-            points = choose_points(scene, problem, static_loads, group)
+            points = way.points or choose_points(scene, problem, static_loads, group)
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
             sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions_of(effects)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,9 +33,11 @@ from pgmp_petsc.scene.spanning_values import spanning_values
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
 
-Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None], "ReducedOrderModel | None"]
+Build = Callable[
+    [Scene, Mapping[str, BodyShape], SampleGrid | None, "ParameterPoints | None"], "ReducedOrderModel | None"
+]
 
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
@@ -53,8 +56,8 @@ def build_over_lengths(
     scene, meshes
         The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
     build
-        Builds the model of a scene whose lengths are those of its run, at given configurations or those that the scene
-        asks for; collective, None on all ranks but the first.
+        Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
+        given parameter values, or those that the scene asks for; collective, None on all ranks but the first.
 
     Returns
     -------
@@ -68,26 +71,33 @@ def build_over_lengths(
     """
     grid = LengthGrid.of(scene)
 
-    def built(own: Scene, values: Mapping[str, float], samples: SampleGrid | None) -> ReducedOrderModel | None:
-        own = held(own, values)
+    def built(own: Scene, values: Mapping[str, float]) -> ReducedOrderModel | None:
+        own, there = held(own, values), points
+        if points is not None and points.values:
+            n = len(points.missed) - 1
+            there = replace(points, values=points.values | {name: np.full(n, value) for name, value in values.items()})
         try:
-            return build(own, at_lengths(own, meshes), samples)
+            return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
             raise type(error)(f"at {_words(values)}: {error}") from error
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
-    everywhere, samples, said = scene, None, ()
+    everywhere, samples, points, said = scene, None, None, ()
     if scene.reduction.sampling_tolerance is not None:
-        asked = [built(scene, values, None) for values in (nominal_lengths, *extremes(scene))]
+        asked = [built(scene, values) for values in (nominal_lengths, *extremes(scene))]
         samples, said = on_root(comm, _common_samples, scene, asked)
         everywhere = scene.model_copy(
             update={"reduction": scene.reduction.model_copy(update={"sampling_tolerance": None})}
         )
 
     def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
-        return built(everywhere, values, samples)
+        return built(everywhere, values)
 
     nominal = at(nominal_lengths)
+    # vectors of other parameter values are of the same values at all lengths, at as many angles as they asked for
+    points = on_root(comm, attrgetter("points"), nominal)
+    if samples is None and len(scene.coordinates) == 1:
+        samples, _ = on_root(comm, _common_samples, scene, [nominal])
     members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
     between = nominal_lengths
     if grid.height(between) < HIGH:
