@@ -150,7 +150,7 @@ class ReducedTables:
 
 
 def beside_rigid(rotations: np.ndarray, n_rigid: int) -> np.ndarray:
-    """Return what leaves rigid vectors as they are before rotations (n, m, n_new), (n, n_rigid + m, n_rigid + n_new)."""
+    """Return rotations (n, m, n_new) beside an identity of rigid vectors, shape (n, n_rigid + m, n_rigid + n_new)."""
     n, m, n_new = rotations.shape
     whole = np.zeros((n, n_rigid + m, n_rigid + n_new))
     whole[:, :n_rigid, :n_rigid] = np.eye(n_rigid)

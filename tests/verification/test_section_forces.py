@@ -67,7 +67,8 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     """Of a rod of another length and a crank of another radius at once, in a single run and in lanes; without answers
     shear in the crank was 24 % off and axial forces 8 to 22 %."""
     late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
-    changed = (*FORCES, late, "effects.weight.acceleration=1e-9", "simulation.duration=0.25", "reduction.length_points=4")
+    light, short = "effects.weight.acceleration=1e-9", "simulation.duration=0.25"
+    changed = (*FORCES, late, light, short, "reduction.length_points=4")
     model = reduced_model(long_crank(*changed, settings=("rod_length=0.68", f"r1={THINNER}")))
     family = model.rom.family
     members = tuple(replace(member, missed=None) for member in family.members)
