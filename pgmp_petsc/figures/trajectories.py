@@ -84,14 +84,17 @@ class Comparison:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
 
         The reduced output is interpolated linearly to the full-order instants that it covers. None where one
-        of the runs is absent, one of them did no step, or the full-order output is zero throughout.
+        of the runs is absent, one of them did no step, or the full-order output is zero throughout but for round-off of
+        the largest output of its unit.
         """
         if self.full is None or self.reduced is None:
             return None
         covered = self.full.time <= self.reduced.time[-1] * (1 + 1e-12)
         time, exact = self.full.time[covered], self.full.outputs[output][covered]
-        largest = np.max(np.abs(exact), initial=0.0)
-        if largest == 0.0 or len(time) < 2:
+        largest, units = np.max(np.abs(exact), initial=0.0), self.full.units
+        alike = (self.full.outputs[name] for name in self.full.outputs if units.get(name) == units.get(output))
+        size = max(float(np.max(np.abs(values[covered]), initial=0.0)) for values in alike)
+        if largest <= np.finfo(float).eps * size or len(time) < 2:
             return None
         reduced = np.interp(time, self.reduced.time, self.reduced.outputs[output])
         return time, 100.0 * np.abs(reduced - exact) / largest
