@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pgmp_petsc.bodies.component import Component
@@ -25,6 +27,7 @@ SMALLER_ERRORS = {
     "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
+SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
@@ -81,13 +84,19 @@ def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remar
     )
 
 
-def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: StepErrors | None) -> list[Remark]:
+def step_remarks(
+    model: FullModel,
+    time: np.ndarray,
+    outputs: Mapping[str, np.ndarray],
+    other: CoarserRun,
+    errors: StepErrors | None,
+) -> list[Remark]:
     """Return what is to be said of the estimated errors of a run's time step.
 
     Parameters
     ----------
-    time
-        Instants of the run, s.
+    time, outputs
+        Of the run, shape (n_t,), s, and each of the same shape.
     other, errors
         The run with the coarser step, and what it tells; None where it tells nothing.
     """
@@ -120,11 +129,12 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
             )
         )
     if errors.unsure:
+        large = (np.abs(found).max() > SMALL * np.abs(outputs[name]).max() for name, found in errors.outputs.items())
+        say = warning if any(large) else note
         remarks.append(
-            warning(
+            say(
                 "estimated errors of the time step are unsure, and may be several times too small or too large: "
-                "friction or stops act where a coarser step fails, or with vibrations that it loses; compare with a "
-                "smaller simulation.step"
+                f"{errors.unsure}; compare with a smaller simulation.step"
             )
         )
     return remarks
