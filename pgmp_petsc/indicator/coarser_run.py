@@ -40,11 +40,12 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.25  # of the work of the run, counted in corrections, the same on all machines; in seconds it is 0.3 at most
+MOST = 0.28  # of the work of the run, counted in corrections, the same on all machines; in seconds it is 0.3 at most
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
+FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
 LOOKS = 20  # at the work of the coarser run
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic

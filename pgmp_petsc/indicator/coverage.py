@@ -8,7 +8,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, MOST, TIMES, CoarserRun, StepErrors
+from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
@@ -66,6 +66,18 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
     )
 
 
+def too_few_steps(n_steps: int) -> tuple[Remark, ...]:
+    """Return that a full-order or component run has too few steps for an estimate; nothing where they are enough."""
+    if n_steps >= FEWEST_STEPS:
+        return ()
+    return (
+        warning(
+            f"errors of the time step were not estimated: the run has {n_steps} steps, the estimate needs "
+            f"{FEWEST_STEPS} or more; take a smaller simulation.step"
+        ),
+    )
+
+
 def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remark, ...]:
     """Return a warning of outputs whose estimated errors are large."""
     shares = {name: errors.share(name) for name in errors.outputs}
@@ -105,8 +117,8 @@ def step_remarks(
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if errors is None:
-        if other.status[0] == Status.FINE and time.size <= FEWEST * TIMES:
-            why = f"has too few steps; {FEWEST * TIMES} or more of the run are wanted"
+        if too_few_steps(time.size - 1):
+            return list(too_few_steps(time.size - 1))
         return [
             warning(
                 f"errors of the time step were not estimated: {with_step} {why}; compare with half the step "

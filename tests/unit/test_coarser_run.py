@@ -9,8 +9,8 @@ import pytest
 from runs import PAPER_SCENE
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import ROUGH, TIMES, CoarserRun, amplification, step_errors
-from pgmp_petsc.indicator.coverage import step_remarks
+from pgmp_petsc.indicator.coarser_run import FEWEST, FEWEST_STEPS, ROUGH, TIMES, CoarserRun, amplification, step_errors
+from pgmp_petsc.indicator.coverage import step_remarks, too_few_steps
 from pgmp_petsc.scene import load_scene
 
 N_STEPS, STEP = 1000, 1e-3
@@ -71,11 +71,20 @@ def test_an_estimate_ends_where_the_coarser_run_does() -> None:
 
 
 def test_too_little_tells_nothing() -> None:
-    time, outputs, _, other = runs(30.0, reach=5)
+    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
     assert step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
+
+
+def test_too_few_steps_are_said_with_their_number() -> None:
+    """Of a run of one step fewer than ten of the coarser one take."""
+    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
+    few = {name: values[:FEWEST_STEPS] for name, values in outputs.items()}
+    (said,) = step_remarks(_Model(), time[:FEWEST_STEPS], few, other, None)
+    assert f"the run has {FEWEST_STEPS - 1} steps, the estimate needs {FEWEST_STEPS} or more" in said.text
+    assert not too_few_steps(FEWEST_STEPS)
 
 
 def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
