@@ -40,13 +40,13 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.28  # of the work of the run, counted in corrections, the same on all machines; in seconds it is 0.3 at most
+MOST = 0.3  # of the work of the run, counted in corrections, so that it is the same on all machines
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
-LOOKS = 20  # at the work of the coarser run
+LOOKS, APART = 20, 10  # at the work of the coarser run; steps between two of them at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
@@ -132,7 +132,7 @@ def run_coarser(
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
-    stops = np.append(np.arange(0, n_steps, -(-n_steps // LOOKS)), n_steps)
+    stops = np.append(np.arange(0, n_steps, max(-(-n_steps // LOOKS), APART)), n_steps)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None, parts=TIMES
     )
