@@ -143,7 +143,7 @@ def run_coarser(
         return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
 
     most, spent, last = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0), 0.0
-    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent + last <= most:
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent + 0.5 * last <= most:
         stepper.advance()
         last, spent = work(stepper, stepper.n_done) - spent, work(stepper, stepper.n_done)
     time, found = record.outputs()
