@@ -6,12 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import PAPER_SCENE
 
+from pgmp_petsc.dynamics.alpha_step import AlphaStep, StepsTaken
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, FEWEST_STEPS, ROUGH, TIMES, CoarserRun, amplification, step_errors
+from pgmp_petsc.indicator.coarser_run import FEWEST, FEWEST_STEPS, ROUGH, TIMES, CoarserRun, OutputRecord, amplification, step_errors
 from pgmp_petsc.indicator.coverage import step_remarks, too_few_steps
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 N_STEPS, STEP = 1000, 1e-3
 RADIUS = 0.8  # spectral radius of the scene
@@ -135,3 +142,27 @@ class _Model:
     """What remarks take of a model."""
 
     scene = load_scene(PAPER_SCENE)
+
+
+def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all do, the coarser run is one with the steps of the run itself, but for what starts every five of them."""
+    scene, meshes = read_scene(PAPER_SCENE, ("simulation.duration=0.2",), (), MPI.COMM_SELF, Purpose.FULL)
+    model, alive, ask = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep._ask
+
+    def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
+        record = OutputRecord(model, system)
+        stepper = GeneralisedAlpha(system, RADIUS, 0.2, n_steps, alive, np.array([0, n_steps]), record, None, parts)
+        stepper.advance()
+        assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
+        return record.outputs()[1]["crank_angle"][:: n_steps // 40, 0]
+
+    def failing(self: AlphaStep, *given: object) -> StepsTaken:
+        taken = ask(self, *given)
+        return taken if self._patient else replace(taken.first(1), lost=alive.copy())
+
+    with model.single(scene.values, MPI.COMM_SELF) as system:
+        fine, coarse = angle(system, 200, 1), angle(system, 40, 1)
+        monkeypatch.setattr(AlphaStep, "_ask", failing)
+        divided = angle(system, 40, TIMES)
+    # measured: a twentieth
+    assert np.abs(divided - fine).max() < 0.1 * np.abs(coarse - fine).max()
