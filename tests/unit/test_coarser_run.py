@@ -1,4 +1,4 @@
-"""The error of a time step from a run with a coarser one: free vibrations, whose exact and scheme's motion are known."""
+"""The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,16 @@ from pgmp_petsc.dynamics.alpha_step import AlphaStep, StepsTaken
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, FEWEST_STEPS, ROUGH, TIMES, CoarserRun, OutputRecord, amplification, step_errors
+from pgmp_petsc.indicator.coarser_run import (
+    FEWEST,
+    FEWEST_STEPS,
+    ROUGH,
+    TIMES,
+    CoarserRun,
+    OutputRecord,
+    amplification,
+    step_errors,
+)
 from pgmp_petsc.indicator.coverage import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
