@@ -131,8 +131,9 @@ def arm(*overrides: str) -> Scene:
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:
-    """Return the repository's spatial slider-crank with square bars."""
-    return load_scene(ROOT / "scenes" / "spatial_slider_crank.toml", (*SPATIAL_BARS, *overrides))
+    """Return the repository's spatial slider-crank with square bars, from an undeformed start."""
+    start = "initial={equilibrium=false}"
+    return load_scene(ROOT / "scenes" / "spatial_slider_crank.toml", (*SPATIAL_BARS, start, *overrides))
 
 
 def table(name: str, **entries: object) -> str:

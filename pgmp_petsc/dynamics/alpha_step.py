@@ -139,6 +139,8 @@ class AlphaStep:
         The system; all its samples advance together.
     spectral_radius
         Of the scheme at infinite frequency.
+    patient
+        Whether an iteration that fails is tried again with factors of its own, and with limited corrections.
 
     Attributes
     ----------
@@ -146,12 +148,14 @@ class AlphaStep:
         Whether `advance_far` is of use: nothing is to be looked at between steps.
     n_iterations
         Newton corrections done so far, all samples together.
-    n_alone
-        Corrections that the system was called for one by one.
+    n_fresh
+        Those of them that found a matrix and its factors anew; known of a single sample.
+    n_calls
+        Calls of the system, for steps or for a correction.
     """
 
-    def __init__(self, system: SecondOrderSystem, spectral_radius: float) -> None:
-        self._system = system
+    def __init__(self, system: SecondOrderSystem, spectral_radius: float, patient: bool = True) -> None:
+        self._system, self._patient = system, patient
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._limits, self._rubs = hasattr(system, "limited"), getattr(system, "rubs", False)
@@ -162,7 +166,7 @@ class AlphaStep:
         self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
-        self.n_iterations = self.n_alone = 0
+        self.n_iterations = self.n_fresh = self.n_calls = 0
 
     def scheme(self, step: float) -> Scheme:
         """Return the coefficients for a step."""
@@ -172,20 +176,24 @@ class AlphaStep:
 
     def advance_far(
         self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, step: float, samples: np.ndarray
-    ) -> tuple[StepsTaken, StepTaken | None]:
+    ) -> tuple[StepsTaken | None, StepTaken | None]:
         """Advance some samples by equal steps, up to the first one that is too much for a sample.
 
-        Parameters are as of `advance`, and the ends of the steps have the shape (n,). Returns the steps in which no
-        sample is lost, which may be none, and the last of them.
+        Parameters are as of `advance`, which takes that step up, and the ends of the steps have the shape (n,). Returns
+        the steps in which no sample is lost, and the last of them; None where there is none.
         """
         self.scheme(step)
-        taken = self._ask(previous, auxiliary, ends, samples)
-        taken = taken.first(len(taken) - int(taken.lost.any()))
-        if not len(taken):
-            return taken, None
-        last, behind = taken[len(taken) - 1], previous.a if len(taken) == 1 else taken.states.a[-2]
-        self._left = last.state, behind, last.expected
-        self.n_iterations += int(taken.n_iterations.sum())
+        if self._ahead and previous is self._asked_next[0]:
+            return None, None
+        asked = self._ask(previous, auxiliary, ends, samples)
+        n, reached = len(asked) - int(asked.lost.any()), previous
+        taken, last = (asked.first(n), asked[n - 1]) if n else (None, None)
+        if last is not None:
+            reached = last.state
+            self._left = reached, previous.a if n == 1 else taken.states.a[-2], last.expected
+            self._count(taken.n_iterations)
+        if n < len(asked):
+            self._ahead, self._asked_next = deque([asked[n]]), (reached, float(ends[n]), self._step)
         return taken, last
 
     def advance(
@@ -227,7 +235,7 @@ class AlphaStep:
                 self._left = taken.state, previous.a, taken.expected
             else:
                 taken = self._ask(previous, auxiliary, np.array([end]), samples)[0]
-            self.n_iterations += taken.n_iterations
+            self._count(taken.n_iterations)
             state, lost = taken.state, taken.lost
             if not (lost.any() or self._projects):
                 return state, taken.auxiliary, lost
@@ -239,9 +247,15 @@ class AlphaStep:
             expected[lost] = FIRST_CONTRACTION
             if for_good:
                 self._left = state, previous.a, expected
-        if lost.any():
-            # A load that sets in at once gives light nodes accelerations that no step can follow; the
-            # displacement, held at constant velocity, is then the better prediction.
+        # A load that sets in at once gives light nodes accelerations that no step can follow; the displacement, held at
+        # constant velocity, is then the better prediction.
+        if lost.any() and self._by_itself and not self._patient:
+            behind = 2.0 * previous.a - _coasting(scheme, previous, auxiliary)
+            again = self._ask(previous, auxiliary, np.array([end]), lost, behind)[0]
+            self._count(again.n_iterations)
+            self._system.restore(state, again.state, lost)
+            lost = lost & again.lost
+        elif lost.any() and self._patient:
             coasting = _predict(scheme, step, previous, auxiliary, _coasting(scheme, previous, auxiliary))
             self._system.restore(state, coasting, lost)
             lost = self._iterate(end, state, scheme, lost, 1, _nothing_known(lost))
@@ -272,11 +286,25 @@ class AlphaStep:
         self._asked_next = taken.state, float(following[0]) if following.size else np.nan, self._step
         return taken
 
-    def _ask(self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, samples: np.ndarray) -> StepsTaken:
-        """Return equal steps of some samples that the system takes."""
+    def _ask(
+        self,
+        previous: State,
+        auxiliary: np.ndarray,
+        ends: np.ndarray,
+        samples: np.ndarray,
+        behind: np.ndarray | None = None,
+    ) -> StepsTaken:
+        """Return equal steps of some samples that the system takes; `behind` are accelerations to extrapolate from."""
         left = self._left[1:] if previous is self._left[0] else (previous.a, None)
+        left = left if behind is None else (behind, None)
+        self.n_calls += 1
         asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)
         return self._system.take_steps(asked)
+
+    def _count(self, n_iterations: int | np.ndarray) -> None:
+        """Count the corrections of steps that the system took."""
+        self.n_iterations += int(np.sum(n_iterations))
+        self.n_fresh += int(np.sum(-(-n_iterations // REFRESH_EVERY)))
 
     def moved(self, samples: np.ndarray, lost: np.ndarray) -> None:
         """Take note of samples, a mask, that were put elsewhere at the end of the last step, or were lost there.
@@ -310,7 +338,8 @@ class AlphaStep:
             if self._limits:
                 last[self._system.limited()] = 0.0  # nothing follows from the size of the last correction
             self.n_iterations += int(active.sum())
-            self.n_alone += 1
+            self.n_fresh += fresh
+            self.n_calls += 1
             judge(iteration, size, last, expected, active, lost)
             if not active.any():
                 break
@@ -331,7 +360,7 @@ class AlphaStep:
             before = state.copy()
             size = self._system.correct(time, state, scheme, active, True)
             self.n_iterations += int(active.sum())
-            self.n_alone += 1
+            self.n_calls += 1
             lost |= active & ~np.isfinite(size)
             active &= np.isfinite(size)
             # by halves, together: rarely more than a few samples come here

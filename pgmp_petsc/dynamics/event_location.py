@@ -10,6 +10,7 @@ among them of which a part of a step fails.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,12 +63,22 @@ class EventLocation:
     ----------
     beyond
         Whether each edge is crossed, shape (n_events, n_samples).
+    shortest
+        Between two crossings of an edge, shape (n_samples,), s; infinite where none was crossed twice.
     """
 
     def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
         self._system, self._stepper = system, stepper
         self.beyond = system.depths(0.0, start) > 0.0
+        self.shortest = np.full(system.n_samples, np.inf)
+        self._last = np.full(self.beyond.shape, -np.inf)
         self.n_located = 0
+
+    def by(self, stepper: AlphaStep) -> EventLocation:
+        """Return the location with other steps of the same samples: what either of them crosses, both have crossed."""
+        other = copy(self)
+        other._stepper = stepper
+        return other
 
     def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
         """Repeat the steps that cross edges, in place of `after`; return the samples whose iteration failed.
@@ -94,7 +105,12 @@ class EventLocation:
         parts = self.parts(before, end, step, alone)
         if parts is None:
             return alone
-        _put(self._system, after, (parts[-1].state, parts[-1].auxiliary), alone)
+        for part in parts:
+            if part.edge >= 0:
+                last = self._last[part.edge, alone]
+                self.shortest[alone] = np.minimum(self.shortest[alone], part.end - last)
+                self._last[part.edge, alone] = part.end
+        put(self._system, after, (parts[-1].state, parts[-1].auxiliary), alone)
         return np.zeros_like(alone)
 
     def parts(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
@@ -160,7 +176,7 @@ class EventLocation:
         return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self.beyond[:, alone][:, 0]
 
 
-def _put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
+def put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
     """Copy state and auxiliary accelerations of some samples; a system alone knows where its samples are in arrays."""
     (to, to_auxiliary), (state, auxiliary) = target, source
     system.restore(to, state, samples)

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, AlphaStep
-from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.event_location import EventLocation, Moment, put
 from pgmp_petsc.dynamics.first_accelerations import first_accelerations, n_first_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
@@ -136,6 +136,8 @@ class GeneralisedAlpha:
         Numbers of the steps at which the driver sees the state, 0 and the last one included.
     n_done
         Steps that are behind it.
+    n_divided
+        Steps of every sample that were taken in parts, shape (n_samples,).
     """
 
     def __init__(
@@ -148,15 +150,17 @@ class GeneralisedAlpha:
         stops: np.ndarray,
         observer: Observer | None,
         pulse: Callable[[float], object] | None,
+        parts: int = 1,
     ) -> None:
-        self.system = system
+        self.system, self._parts = system, parts
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
         self._find_living()
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
-        self._stepper = AlphaStep(system, spectral_radius)
+        self._stepper = AlphaStep(system, spectral_radius, patient=parts == 1)
+        self._finer, self.n_divided = AlphaStep(system, spectral_radius), np.zeros(system.n_samples, dtype=int)
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._n_at_once = getattr(system, "steps_at_once", 1)
         self._step = duration / n_steps
@@ -172,12 +176,23 @@ class GeneralisedAlpha:
     @property
     def n_iterations(self) -> int:
         """Newton corrections done so far, all samples together."""
-        return self._stepper.n_iterations
+        return self._stepper.n_iterations + self._finer.n_iterations
 
     @property
-    def n_alone(self) -> int:
-        """Corrections that the system was called for one by one, so far."""
-        return self._stepper.n_alone
+    def n_fresh(self) -> int:
+        """Corrections so far that found a matrix and its factors anew; known of a single sample."""
+        return self._stepper.n_fresh + self._finer.n_fresh
+
+    @property
+    def n_calls(self) -> int:
+        """Calls of the system for steps and corrections, so far."""
+        return self._stepper.n_calls + self._finer.n_calls
+
+    @property
+    def shortest_crossing(self) -> np.ndarray:
+        """Time between two crossings of an edge, the shortest of every sample, shape (n_samples,), s; infinite where no
+        edge was crossed twice."""
+        return np.full(self._alive.size, np.inf) if self._events is None else self._events.shortest
 
     def _show(self, number: int, state: State) -> None:
         """Show the state after a step to the observer."""
@@ -232,9 +247,14 @@ class GeneralisedAlpha:
             previous, auxiliary, end, self._step, alive, following
         )
         if self._events is not None:
+            beyond = self._events.beyond.copy()
             lost |= self._events.repeat_steps(
                 (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
             )
+            if self._parts > 1:
+                self._events.beyond[:, lost] = beyond[:, lost]
+        if self._parts > 1 and lost.any():
+            lost = self._advance_in_parts((previous, auxiliary), number, lost)
         if lost.any():
             self._retire(lost, self.system.reasons(end, previous, lost), end)
         outside = self.system.outside(self.state)
@@ -242,6 +262,28 @@ class GeneralisedAlpha:
             self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
         if self._n_alive < alive.size:
             self.system.restore(self.state, previous, ~self._alive)
+
+    def _advance_in_parts(self, moment: Moment, number: int, samples: np.ndarray) -> np.ndarray:
+        """Take a step of some samples, a mask, again in equal parts; return those whose iteration failed.
+
+        The auxiliary accelerations run ahead of the others by a share of the step.
+        """
+        begin, step, lost = float(self.instants[number]), self._step / self._parts, np.zeros_like(samples)
+        moment = moment[0], moment[0].a + (moment[1] - moment[0].a) / self._parts
+        events = None if self._events is None else self._events.by(self._finer)
+        self.n_divided += samples
+        ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
+        for k, end in enumerate(ends.tolist()):
+            going = samples & ~lost
+            state, ahead, failed = self._finer.advance(*moment, end, step, going, ends[k + 1 :])
+            if events is not None:
+                failed |= events.repeat_steps(moment, (state, ahead), end, step, going & ~failed)
+            lost, moment = lost | failed, (state, ahead)
+            if not (samples & ~lost).any():
+                break
+        put(self.system, (self.state, self._auxiliary), moment, samples & ~lost)
+        self._stepper.moved(samples, lost)
+        return lost
 
     def _advance_at_once(self, last: int) -> None:
         """Advance all living samples to an instant as far as they go by themselves; see the rest through one by one.
@@ -333,8 +375,10 @@ class Run:
         Of every sample, shape (n_samples,).
     n_steps, n_iterations
         Steps, and Newton corrections of all samples together.
-    n_alone
-        Corrections that the system was called for one by one.
+    n_fresh
+        Those that found a matrix and its factors anew; known of a single sample.
+    n_calls
+        Calls of the system for steps and corrections.
     """
 
     state: State
@@ -342,7 +386,8 @@ class Run:
     failure_time: np.ndarray
     n_steps: int
     n_iterations: int
-    n_alone: int = 0
+    n_fresh: int = 0
+    n_calls: int = 0
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -414,7 +459,8 @@ def integrate(
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here().drive(stepper, system.comm, prefix)
-    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.n_iterations, stepper.n_alone)
+    counted = stepper.n_iterations, stepper.n_fresh, stepper.n_calls
+    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *counted)
 
 
 class Driven(Protocol):

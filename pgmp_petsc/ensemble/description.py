@@ -25,6 +25,7 @@ from pgmp_petsc.ensemble.retry import has_steps_left
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe, holds_to, of_event, quantile_bounds
+from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     few_steps,
@@ -32,6 +33,7 @@ from pgmp_petsc.indicator.coverage import (
     polynomials_of_lengths,
     truncated_stresses,
     why_not_of_full_order,
+    too_few_steps,
 )
 from pgmp_petsc.indicator.own_error import of_statistics
 from pgmp_petsc.indicator.validity import remarks_of
@@ -320,11 +322,12 @@ def _estimate_remarks(
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene, remarks = origin.scene, [*origin.not_estimated]
-    why = "the run with a coarser step, which they are taken from, failed or has too few steps; take a smaller simulation.step"
+    why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
+    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     if origin.model == "reduced":
         remarks += remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
-    if estimates["errors"]:
+    if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):
             chosen[first:last] = status[first:last] == Status.FINE
@@ -375,6 +378,8 @@ class Origin:
             absent += (polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
             absent = (*absence_of_estimates(scene, ensemble=True, of_step=True), *why_not_of_full_order(model))
+            if share > 0.0:
+                absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
 
 

@@ -12,11 +12,13 @@ scheme alone: its amplification of a free vibration is an eigenvalue lambda of a
 2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
 those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
 
-**Friction and stops** whose vibrations are lost: they turn the vibration into slow motion, which the two runs have
-differently, whatever the order. What is left of d counts a third then (`ROUGH`); that estimate is unsure, and said so.
+**Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
+the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
+is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so.
 
-The coarser run has a fifth of the steps and no other record than the outputs. It is given up where it fails or its
-Newton corrections cost more than a share of the run (`MOST`), and the estimate then ends there.
+The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is taken in
+`TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
+than a share of the run's (`MOST`), and the estimate then ends there.
 """
 
 from __future__ import annotations
@@ -32,22 +34,27 @@ from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Run, count_s
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import Model
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.progress import Progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.33  # of the price of the run, counted in corrections, so that it is the same on all machines
-ALONE = 500.0  # unknowns of which a correction costs as much as calling a system for one
-FREE = 3e5  # corrections of one unknown, some hundredths of a second, that any run may take: starting takes more
-RECORDED, OF_SMALL, SMALL = 0.5, 2.0, 300  # corrections that cost as much as what a step of a run records; unknowns
+MOST = 0.28  # of the work of the run, counted in corrections, so that it is the same on all machines
+FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
+CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
+RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
-LOOKS = 20  # steps of the coarser run between two looks at its corrections
+FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
+LOOKS, APART = 20, 10  # at the work of the coarser run; steps between two of them at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
-TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations move what has friction or stops
-ROUGH = 3.0
+TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
+RUBS = 0.015  # of it, from which on they move what has friction or stops
+BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
+ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
+SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
 EDGED = ("joint_friction", "end_stop")
 
 
@@ -64,7 +71,11 @@ class CoarserRun:
     outputs
         By name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed.
     status, failure_time
-        Of every sample; FINE and NaN where only the corrections were too many.
+        Of every sample; FINE and NaN where only the work was too much.
+    divided
+        Share of the steps that were taken in parts, shape (n_samples,).
+    shortest
+        Time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none.
     """
 
     step: float
@@ -72,6 +83,8 @@ class CoarserRun:
     outputs: dict[str, np.ndarray]
     status: np.ndarray
     failure_time: np.ndarray
+    divided: np.ndarray
+    shortest: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -87,13 +100,13 @@ class StepErrors:
     lost_hz
         Frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming.
     unsure
-        Whether friction or stops act together with lost vibrations.
+        Why the order of the error is not known; empty where it is.
     """
 
     time: np.ndarray
     outputs: dict[str, np.ndarray]
     lost_hz: float
-    unsure: bool
+    unsure: str
 
 
 def run_coarser(
@@ -119,23 +132,28 @@ def run_coarser(
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
-    stops = np.append(np.arange(0, n_steps, LOOKS), n_steps)
+    stops = np.append(np.arange(0, n_steps, max(-(-n_steps // LOOKS), APART)), n_steps)
     stepper = GeneralisedAlpha(
-        system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None, parts=TIMES
     )
-    n_unknowns, most = model.kinematics.mechanism.n_dofs, np.inf
-    if of is not None:
-        recorded = OF_SMALL if n_unknowns <= SMALL else RECORDED
-        price = of.n_iterations + ALONE / n_unknowns * of.n_alone + recorded * of.n_steps
-        most = max(MOST * price, FREE / n_unknowns)
-    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE):
-        if stepper.n_iterations + ALONE / n_unknowns * stepper.n_alone > most:
-            break
+    mechanism = model.kinematics.mechanism
+    calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
+
+    def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
+        return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
+
+    most, spent, last = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0), 0.0
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent + 0.5 * last <= most:
         stepper.advance()
+        last, spent = work(stepper, stepper.n_done) - spent, work(stepper, stepper.n_done)
     time, found = record.outputs()
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
-    return CoarserRun(coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time)
+    divided = stepper.n_divided / max(stepper.n_done, 1)
+    return CoarserRun(
+        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided,
+        stepper.shortest_crossing,
+    )  # fmt: skip
 
 
 class OutputRecord:
@@ -225,13 +243,17 @@ def step_errors(
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
             loudest = share, turn / (2.0 * np.pi * step)
-    trembles = loudest[0] > TREMBLES
-    unsure = any(effect.type in EDGED for effect in scene.effects.values()) and (
-        trembles or other.status[sample] != Status.FINE
-    )
-    order = ROUGH if unsure else ratio**2 - 1.0
+    edged = any(effect.type in EDGED for effect in scene.effects.values())
+    unsure = ""
+    if other.divided[sample] > SOME:
+        unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
+    elif other.shortest[sample] < BRIEF * other.step:
+        unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
+    elif edged and (loudest[0] > RUBS or other.status[sample] != Status.FINE):
+        unsure = "friction or stops act with vibrations that a coarser step loses"
+    order = (ROUGH if unsure else ratio**2 - 1.0) * max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
-    return StepErrors(at, errors, loudest[1] if trembles else np.nan, unsure)
+    return StepErrors(at, errors, loudest[1] if loudest[0] > TREMBLES else np.nan, unsure)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import FEWEST, MOST, TIMES, CoarserRun, StepErrors
+from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
@@ -25,6 +27,7 @@ SMALLER_ERRORS = {
     "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
+SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
@@ -63,6 +66,18 @@ def few_steps(n_steps: int) -> tuple[Remark, ...]:
     )
 
 
+def too_few_steps(n_steps: int) -> tuple[Remark, ...]:
+    """Return that a full-order or component run has too few steps for an estimate; nothing where they are enough."""
+    if n_steps >= FEWEST_STEPS:
+        return ()
+    return (
+        warning(
+            f"errors of the time step were not estimated: the run has {n_steps} steps, the estimate needs "
+            f"{FEWEST_STEPS} or more; take a smaller simulation.step"
+        ),
+    )
+
+
 def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remark, ...]:
     """Return a warning of outputs whose estimated errors are large."""
     shares = {name: errors.share(name) for name in errors.outputs}
@@ -81,13 +96,19 @@ def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remar
     )
 
 
-def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: StepErrors | None) -> list[Remark]:
+def step_remarks(
+    model: FullModel,
+    time: np.ndarray,
+    outputs: Mapping[str, np.ndarray],
+    other: CoarserRun,
+    errors: StepErrors | None,
+) -> list[Remark]:
     """Return what is to be said of the estimated errors of a run's time step.
 
     Parameters
     ----------
-    time
-        Instants of the run, s.
+    time, outputs
+        Of the run, shape (n_t,), s, and each of the same shape.
     other, errors
         The run with the coarser step, and what it tells; None where it tells nothing.
     """
@@ -96,8 +117,8 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
     if errors is None:
-        if other.status[0] == Status.FINE and time.size <= FEWEST * TIMES:
-            why = f"has too few steps; {FEWEST * TIMES} or more of the run are wanted"
+        if too_few_steps(time.size - 1):
+            return list(too_few_steps(time.size - 1))
         return [
             warning(
                 f"errors of the time step were not estimated: {with_step} {why}; compare with half the step "
@@ -120,11 +141,12 @@ def step_remarks(model: FullModel, time: np.ndarray, other: CoarserRun, errors: 
             )
         )
     if errors.unsure:
+        large = (np.abs(found).max() > SMALL * np.abs(outputs[name]).max() for name, found in errors.outputs.items())
+        say = warning if any(large) else note
         remarks.append(
-            warning(
+            say(
                 "estimated errors of the time step are unsure, and may be several times too small or too large: "
-                "friction or stops act where a coarser step fails, or with vibrations that it loses; compare with a "
-                "smaller simulation.step"
+                f"{errors.unsure}; compare with a smaller simulation.step"
             )
         )
     return remarks

@@ -269,10 +269,10 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
         return None, list(absence_of_estimates(model.scene, of_step=True))
     found = step_errors(model.scene, part.time, part.outputs, other)
     if found is None:
-        return None, list(step_remarks(model, part.time, other, found))
+        return None, list(step_remarks(model, part.time, part.outputs, other, found))
     largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
     errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
-    return errors, [*large_errors(errors, model.name), *step_remarks(model, part.time, other, found)]
+    return errors, [*large_errors(errors, model.name), *step_remarks(model, part.time, part.outputs, other, found)]
 
 
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:

@@ -8,6 +8,7 @@ reference does no step.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,36 @@ def test_file_terminal_and_report_have_it(tmp_path: Path, capfd: pytest.CaptureF
     assert "of the time step" in json.dumps(figures)
     ends_with(0, "report", path, "-o", page)
     assert "Error of the time step of the full order run, estimated" in page.read_text()
+
+
+@pytest.mark.parametrize("model", ["--full", "--components"])
+@pytest.mark.parametrize(
+    ("scene", "outputs"),
+    [
+        ("slider_crank", ("crank_angle", "slider_position", "slider_deformation")),
+        ("four_bar", ("crank_angle", "rocker_angle", "coupler_bending")),
+    ],
+)
+def test_a_tolerance_is_met(scene: str, outputs: tuple[str, ...], model: str, tmp_path: Path) -> None:
+    """Of the step that `simulation.tolerance` chooses, against a sixteenth of the scene's own step."""
+    tolerance, short = 1e-3, "simulation.duration=0.3"
+    source = tmp_path / f"{scene}.toml"
+    text = (ROOT / "scenes" / f"{scene}.toml").read_text().replace('"../', f'"{ROOT}/')
+    own = float(re.search(r"^step = (\S+)", text, re.MULTILINE)[1])
+    source.write_text(re.sub(r"^step = .*\n", "", text, flags=re.MULTILINE))
+
+    def outputs_of(*overrides: str) -> Trajectory:
+        path = tmp_path / f"{len(overrides)}.h5"
+        given = [word for override in (short, *overrides) for word in ("--override", override)]
+        ends_with(0, "simulate", source, model, "-o", path, *given)
+        return Trajectory.read(path)
+
+    found = outputs_of(f"simulation.tolerance={tolerance}")
+    fine = outputs_of(f"simulation.step={own / 16!r}", "simulation.error_indicator=false", "simulation.frames=2")
+    for name in outputs:
+        values = fine.outputs[name]
+        true = np.abs(found.outputs[name] - np.interp(found.time, fine.time, values)).max()
+        assert true < tolerance * np.abs(values).max(), name
 
 
 def test_samples_that_are_checked_know_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,15 +1,33 @@
-"""The error of a time step from a run with a coarser one: free vibrations, whose exact and scheme's motion are known."""
+"""The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import PAPER_SCENE
 
+from pgmp_petsc.dynamics.alpha_step import AlphaStep, StepsTaken
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import TIMES, CoarserRun, amplification, step_errors
-from pgmp_petsc.indicator.coverage import step_remarks
+from pgmp_petsc.indicator.coarser_run import (
+    FEWEST,
+    FEWEST_STEPS,
+    ROUGH,
+    TIMES,
+    CoarserRun,
+    OutputRecord,
+    amplification,
+    step_errors,
+)
+from pgmp_petsc.indicator.coverage import step_remarks, too_few_steps
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.inputs import read_scene
 
 N_STEPS, STEP = 1000, 1e-3
 RADIUS = 0.8  # spectral radius of the scene
@@ -41,7 +59,7 @@ def runs(omega: float, amplitude: float = 1.0, reach: int = N_STEPS // TIMES) ->
         status[0], failure[0] = Status.NOT_CONVERGED, at[reach + 1]
         coarse[reach + 1 :] = np.nan
     return time, {"x": values}, time + amplitude * np.cos(omega * time), CoarserRun(
-        TIMES * STEP, at, {"x": coarse[:, None]}, status, failure
+        TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), np.full(1, np.inf)
     )  # fmt: skip
 
 
@@ -63,17 +81,26 @@ def test_an_estimate_ends_where_the_coarser_run_does() -> None:
     time, outputs, _, other = runs(30.0, reach=60)
     found = step_errors(load_scene(PAPER_SCENE), time, outputs, other)
     assert found.time[-1] == pytest.approx(0.3) and np.isfinite(found.outputs["x"]).all()
-    said = [remark.text for remark in step_remarks(_Model(), time, other, found)]
+    said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were estimated up to 0.3 s of 1 s: ")
     assert "stopped at 0.305 s (Newton's iteration did not converge" in said[0]
 
 
 def test_too_little_tells_nothing() -> None:
-    time, outputs, _, other = runs(30.0, reach=5)
+    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
     assert step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
-    said = [remark.text for remark in step_remarks(_Model(), time, other, None)]
+    said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
+
+
+def test_too_few_steps_are_said_with_their_number() -> None:
+    """Of a run of one step fewer than ten of the coarser one take."""
+    time, outputs, _, other = runs(30.0, reach=FEWEST - 1)
+    few = {name: values[:FEWEST_STEPS] for name, values in outputs.items()}
+    (said,) = step_remarks(_Model(), time[:FEWEST_STEPS], few, other, None)
+    assert f"the run has {FEWEST_STEPS - 1} steps, the estimate needs {FEWEST_STEPS} or more" in said.text
+    assert not too_few_steps(FEWEST_STEPS)
 
 
 def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
@@ -82,12 +109,69 @@ def test_friction_or_stops_beside_a_lost_vibration_make_it_unsure() -> None:
         PAPER_SCENE, ['effects.brake={type="joint_friction", joint="crank_hinge", limit=0.01, speed=0.1}']
     )
     found = step_errors(scene, time, outputs, other)
-    assert found.unsure
-    said = [remark.text for remark in step_remarks(_Model(), time, other, found)]
+    assert found.unsure.startswith("friction or stops act with vibrations")
+    said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert any(text.startswith("estimated errors of the time step are unsure") for text in said)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"shortest": np.full(1, 9.0 * TIMES * STEP)}, "a contact with a stop lasts 0.045 s"),
+        ({"divided": np.full(1, 0.25)}, "25 % of the coarser steps failed"),
+    ],
+)
+def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why: str) -> None:
+    """A contact of fewer than ten coarser steps, and what the coarser run took with the steps of the run itself."""
+    time, outputs, _, other = runs(10.0)
+    sure, found = (
+        step_errors(load_scene(PAPER_SCENE), time, outputs, run) for run in (other, replace(other, **changes))
+    )
+    assert not sure.unsure and found.unsure.startswith(why)
+    order = ROUGH * (1.0 - changes.get("divided", np.zeros(1))[0])
+    # where no vibration is lost, the difference counts by the order alone
+    np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (TIMES**2 - 1.0), rtol=1e-12)
+
+
+def test_contacts_of_many_steps_are_resolved() -> None:
+    time, outputs, _, other = runs(10.0)
+    assert not step_errors(
+        load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, 11.0 * TIMES * STEP))
+    ).unsure
+
+
+def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
+    time, outputs, _, other = runs(10.0, amplitude=1e-6)
+    found = step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))
+    (said,) = step_remarks(_Model(), time, outputs, other, found)
+    assert said.kind == "note" and "are unsure" in said.text
 
 
 class _Model:
     """What remarks take of a model."""
 
     scene = load_scene(PAPER_SCENE)
+
+
+def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all do, the coarser run is one with the steps of the run itself, but for what starts every five of them."""
+    scene, meshes = read_scene(PAPER_SCENE, ("simulation.duration=0.2",), (), MPI.COMM_SELF, Purpose.FULL)
+    model, alive, ask = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep._ask
+
+    def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
+        record = OutputRecord(model, system)
+        stepper = GeneralisedAlpha(system, RADIUS, 0.2, n_steps, alive, np.array([0, n_steps]), record, None, parts)
+        stepper.advance()
+        assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
+        return record.outputs()[1]["crank_angle"][:: n_steps // 40, 0]
+
+    def failing(self: AlphaStep, *given: object) -> StepsTaken:
+        taken = ask(self, *given)
+        return taken if self._patient else replace(taken.first(1), lost=alive.copy())
+
+    with model.single(scene.values, MPI.COMM_SELF) as system:
+        fine, coarse = angle(system, 200, 1), angle(system, 40, 1)
+        monkeypatch.setattr(AlphaStep, "_ask", failing)
+        divided = angle(system, 40, TIMES)
+    # measured: a twentieth
+    assert np.abs(divided - fine).max() < 0.1 * np.abs(coarse - fine).max()
