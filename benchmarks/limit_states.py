@@ -10,6 +10,12 @@ four branches                  ``min(b + (u_1 - u_2)^2 / 10 -+ (u_1 + u_2) / sqr
                                ``c = 7 b / (3 sqrt(2))``, which is 7 / sqrt(2) at the b = 3 of Waarts (Structural
                                reliability using finite element methods, Delft 2000)
 paraboloid                     ``b - u_1 + bend / 2 (u_2^2 + .. + u_d^2)``
+sides of two                   ``min(b - u_1, 1.05 b + u_2)``: two parts that are not as likely
+box                            ``b - max(|u_1|, .., |u_d|)``: two parts a variable
+wedge                          ``b - min(u_1, u_2)``: both have to fail
+sum of exponentials            ``b + ln Phi(-u_1) + .. + ln Phi(-u_d)``: curved (Rackwitz, Structural Safety 23 (2001)
+                               365-395)
+indicator                      of a plane, -1 or 1
 ============================== ====================================================================================
 """
 
@@ -20,7 +26,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.stats import chi2, norm
+from scipy.special import log_ndtr
+from scipy.stats import chi2, gamma, norm
 
 LimitState = Callable[[np.ndarray], np.ndarray]
 BENDS = ((6, 0.2), (12, 0.1), (6, -0.1))
@@ -43,6 +50,17 @@ def limit_states(probability: float) -> Iterator[tuple[str, int, LimitState]]:
         b = _distance(lambda b, d=d, bend=bend: _of_paraboloid(b, d, bend), probability)
         name = f"paraboloid, bend {bend:g}"
         yield name, d, lambda u, b=b, bend=bend: b - u[:, 0] + 0.5 * bend * np.sum(u[:, 1:] ** 2, axis=1)
+    b = _distance(lambda b: norm.sf(b) + norm.cdf(b) * norm.sf(1.05 * b), probability)
+    yield "sides of two", 20, lambda u, b=b: np.minimum(b - u[:, 0], 1.05 * b + u[:, 1])
+    for d in (4, 10):
+        of_each = -np.expm1(np.log1p(-probability) / d)
+        yield "box", d, lambda u, b=norm.isf(0.5 * of_each): b - np.abs(u).max(axis=1)
+    yield "wedge", 6, lambda u, b=norm.isf(np.sqrt(probability)): b - u[:, :2].min(axis=1)
+    for d in (5, 20):
+        yield "sum of exponentials", d, lambda u, b=gamma.isf(probability, d): b + log_ndtr(-u).sum(axis=1)
+    for d in (10, 50):
+        b = norm.isf(probability) * np.sqrt(d)
+        yield "indicator", d, lambda u, b=b: np.where(u.sum(axis=1) >= b, -1.0, 1.0)
 
 
 def _distance(of_distance: Callable[[float], float], probability: float) -> float:

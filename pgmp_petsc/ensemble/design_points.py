@@ -21,7 +21,8 @@ import numpy as np
 LimitState = Callable[[np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-MOST_STARTS, MOST_STEPS = 4, 40
+AT_ONCE, MOST_STEPS = 4, 40  # searches
+IN_VAIN = 2  # times so many searches that may find nothing new
 USUAL_STEPS = 4  # that searches take from near the border
 HALVES = 0.5 ** np.arange(1, 5)  # of a step that leads no nearer
 SETTLED = 2e-3  # length of a step that is none: beta is off by its square over 2 beta, and by what g is left
@@ -29,6 +30,7 @@ NEARLY_SETTLED = 0.05  # of a step that improves nothing any more
 DIFFERENCE = 1e-3  # of a variable, where there are no exact derivatives
 LONGEST, LEAST_PART = 4.0, 0.125  # step, and share of one
 ALIKE = 0.99  # cosine between design points that are one
+NEAR_PLANE = 0.2  # of a start from a plane on which it lies: rays are followed to a sixth
 FARTHER = 2.0  # than the nearest: a design point of no interest, a thousandth as likely at 3.5
 
 
@@ -67,6 +69,9 @@ def cost_of(d: int, slopes: Slopes | None) -> int:
 def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
+    A few searches at a time, until several have found nothing new. A start that lies on one of the planes that touch
+    the border at design points needs none.
+
     Parameters
     ----------
     evaluate
@@ -75,11 +80,31 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
         g and its derivatives of points (n, d), shapes (n,) and (n, d), NaN where there are none; None: from
         differences.
     starts
-        Shape (n, d), the best first; there are as many searches as evaluations allow.
+        Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
     most
         Evaluations at most, of g or of its derivatives.
     """
-    d, used = starts.shape[1], 0
+    d, used, found, in_vain = starts.shape[1], 0, [], 0
+    cost = cost_of(d, slopes)
+    while len(starts) and in_vain < IN_VAIN and most - used >= cost:
+        n_at_once = min(AT_ONCE, max((most - used) // (2 * cost), 1))
+        known = len(found)
+        settled, of_search = _search(evaluate, slopes, starts[:n_at_once], most - used)
+        found, used, starts = _different(found + settled), used + of_search, starts[n_at_once:]
+        in_vain = 0 if len(found) > known else in_vain + 1
+        for point, alpha in found:
+            on_plane = np.abs(starts @ alpha - point @ alpha) < NEAR_PLANE
+            starts = starts[~on_plane]
+    if not found:
+        return None
+    return DesignPoints(*(np.array(part) for part in zip(*found)), used, slopes is not None)
+
+
+def _search(
+    evaluate: LimitState, slopes: Slopes | None, u: np.ndarray, most: int
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
+    """Return the points, each with its alpha, at which searches from u (n, d) settle, and how many evaluations."""
+    d, used = u.shape[1], 0
 
     def differences(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = np.concatenate([np.zeros((1, d)), DIFFERENCE * np.eye(d)])
@@ -87,9 +112,6 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
         return g[:, 0], (g[:, 1:] - g[:, :1]) / DIFFERENCE
 
     gradient, cost = (differences, d + 1) if slopes is None else (slopes, 1)
-    u = starts[: min(MOST_STARTS, max(most // (2 * cost_of(d, slopes)), int(most >= cost_of(d, slopes))))]
-    if not len(u):
-        return None
     found: list[tuple[np.ndarray, np.ndarray]] = []
     g, slope = gradient(u)
     used += cost * len(u)
@@ -135,18 +157,18 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
             found += list(zip((u + step)[near], alpha[near]))
             used += (len(HALVES) + cost) * n_worse
         u, g, slope = trial, g_trial, slope_trial
-    return _described(found, used, slopes is not None)
+    return found, used
 
 
 def _merit(u: np.ndarray, g: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return 0.5 * np.sum(u**2, axis=-1) + weight * np.abs(g)
 
 
-def _described(found: list[tuple[np.ndarray, np.ndarray]], used: int, is_exact: bool) -> DesignPoints | None:
+def _different(found: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return different design points, the nearest first, without those that are much farther."""
     kept: list[tuple[np.ndarray, np.ndarray]] = []
     for point, alpha in sorted(found, key=lambda one: float(np.sum(one[0] ** 2))):
         far = kept and point @ alpha > abs(kept[0][0] @ kept[0][1]) + FARTHER
         if not far and all(alpha @ other < ALIKE for _, other in kept):
             kept.append((point, alpha))
-    return DesignPoints(*(np.array(part) for part in zip(*kept)), used, is_exact) if kept else None
+    return kept

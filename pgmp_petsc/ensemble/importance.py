@@ -5,7 +5,9 @@ the Royal Statistical Society B 55 (1993) 409-422), make the density
 
     q(u) = sum_j w_j phi_s(u - c_j),    c_j = m + a (p_j - m),    s^2 = max(1 - a^2, 0.6).
 
-With a = 0 it is one normal density a cluster, best of an event with a nearly plane border; with a = 1 it follows the
+With a = 0 it is one normal density a cluster, best of an event with a nearly plane border; or one with the covariance
+of the cluster's points (`_root`), best where the border bends towards the origin, as points of the event spread wider
+than standard normal ones there; with a = 1 it follows the
 points, however the event is shaped, but is wider than they are, the more so in many dimensions. Best of an event all
 around is the standard normal density outside a ball (radial importance sampling: Harbitz, Structural Safety 3 (1986)
 109-115), whose weights are all ``P(|u| > r)``.
@@ -35,6 +37,7 @@ from dataclasses import dataclass
 import numpy as np
 
 DRAWN = (0.0, 0.5, 1.0)  # factors a
+FITTED = -1.0  # in place of a factor: one kernel a cluster, with the covariance of its points
 CLUSTERS = (1, 2, 4, 8)
 LEAST_VARIANCE = 0.6
 DEFENSIVE = 0.2  # share of samples from kernels about points
@@ -63,16 +66,22 @@ class KernelDensity:
         Of the kernels, shape (m,), 1 in sum.
     deviations
         Of each variable in the kernels, shape (m,).
+    roots
+        Symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d).
     """
 
     centres: np.ndarray
     shares: np.ndarray
     deviations: np.ndarray
+    roots: np.ndarray | None = None
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
         chosen = random.choice(len(self.centres), size=n, p=self.shares)
         steps = random.standard_normal((n, self.centres.shape[1]))
+        for number, root in enumerate(() if self.roots is None else self.roots):
+            own = chosen == number
+            steps[own] = np.einsum("nd,de->ne", steps[own], root)
         return self.centres[chosen] + self.deviations[chosen, None] * steps
 
     def log(self, points: np.ndarray) -> np.ndarray:
@@ -87,6 +96,11 @@ class KernelDensity:
             # |u - c|^2 multiplied out; not by BLAS, whose sums may depend on the number of threads
             exponents = np.einsum("nd,md->nm", some, scaled)
             exponents += factors - 0.5 * np.sum(some**2, axis=1)[:, None] * precisions
+            for number, root in enumerate(() if self.roots is None else self.roots):
+                inverse, log_of_root = np.linalg.inv(root), np.linalg.slogdet(root)[1]
+                steps = np.einsum("nd,de->ne", some - self.centres[number], inverse)
+                constant = np.log(self.shares[number]) - 0.5 * d * np.log(2.0 * np.pi) - log_of_root
+                exponents[:, number] = constant - 0.5 * np.sum(steps**2, axis=1)
             most = exponents.max(axis=1)
             exponents -= most[:, None]
             parts.append(most + np.log(np.sum(np.exp(exponents, out=exponents), axis=1)))
@@ -124,6 +138,7 @@ class Mixture:
             np.concatenate([own.centres, centres]),
             np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
             np.concatenate([own.deviations, np.ones(n)]),
+            own.roots,
         )
         return Mixture(kernels, self.outside, self.share)
 
@@ -187,12 +202,13 @@ def chosen_density(
     if np.log(outside) < least:  # all weights are `outside`
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
     clusters = cluster_means(points, weights, families, values, n_clusters, random)
-    found = _density(points, weights, clusters, factor, random)
+    found = _density(points, weights, families, clusters, factor, random)
     main = 1.0 - DEFENSIVE - OUTSIDE
     kernels = KernelDensity(
         np.concatenate([found.centres, broad]),
         np.concatenate([main * found.shares, DEFENSIVE * of_broad]) / (1.0 - OUTSIDE),
         np.concatenate([found.deviations, np.ones(len(broad))]),
+        found.roots,
     )
     return Mixture(kernels, outside, OUTSIDE)
 
@@ -244,24 +260,54 @@ def _densities(
     for n_clusters in CLUSTERS:
         if n_clusters == 1 or len(points) >= FEWEST * n_clusters:
             clusters = cluster_means(points, weights, families, values, n_clusters, random)
-            for factor in DRAWN:
-                yield (n_clusters, factor), _density(points, weights, clusters, factor, random)
+            for factor in (*DRAWN, FITTED):
+                yield (n_clusters, factor), _density(points, weights, families, clusters, factor, random)
 
 
 def _density(
     points: np.ndarray,
     weights: np.ndarray,
+    families: np.ndarray,
     clusters: tuple[np.ndarray, np.ndarray],
     factor: float,
     random: np.random.Generator,
 ) -> KernelDensity:
     means, shares = clusters
+    if factor == FITTED:
+        own = np.argmin(np.sum((points[:, None] - means) ** 2, axis=2), axis=1)
+        parts = (own == k for k in range(len(means)))
+        roots = np.array([_root(points[part] - m, weights[part], families[part]) for part, m in zip(parts, means)])
+        return KernelDensity(means, shares, np.ones(len(means)), roots)
     deviation = np.sqrt(max(1.0 - factor**2, LEAST_VARIANCE))
     if factor > 0.0:
         some, shares = _some(points, weights, KERNELS, random)
         own = means[np.argmin(np.sum((some[:, None] - means) ** 2, axis=2), axis=1)]
         means = own + factor * (some - own)
     return KernelDensity(means, shares, np.full(len(means), deviation))
+
+
+def _root(steps: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.ndarray:
+    """Return the symmetric root of the covariance of steps (m, d) from a mean, drawn towards one variance for all
+    variables by what may be noise.
+
+    By as much as makes the expected error of the matrix least (Ledoit and Wolf, Journal of Multivariate Analysis 88
+    (2004) 365-411). That variance is 1 at least, which it is beyond a plane; where the border bends towards the origin
+    points spread farther. No variance is below `LEAST_VARIANCE`.
+    """
+    d = steps.shape[1]
+    if not len(steps):
+        return np.eye(d)
+    shares = weights / weights.sum()
+    matrix = np.einsum("n,nd,ne->de", shares, steps, steps)
+    target = max(1.0, np.trace(matrix) / d) * np.eye(d)
+    beyond = np.sum((matrix - target) ** 2)
+    own, noise = np.unique(families, return_inverse=True)[1], 0.0
+    for number in range(own.max() + 1):
+        some, of_some = steps[own == number], shares[own == number]
+        noise += np.sum((np.einsum("n,nd,ne->de", of_some, some, some) - of_some.sum() * matrix) ** 2)
+    believed = max(0.0, 1.0 - noise / beyond) if beyond > 0.0 else 0.0
+    variances, axes = np.linalg.eigh(target + believed * (matrix - target))
+    return np.einsum("dk,k,ek->de", axes, np.sqrt(np.maximum(variances, LEAST_VARIANCE)), axes)
 
 
 def cluster_means(

@@ -30,9 +30,9 @@ Where rays enter an event: points of its parts that some level of subset simulat
 
 Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
 known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
-through the means of the clusters of all levels enter the event near the design points of its parts, which importance
-sampling of events with several parts takes for centres (Au, Papadimitriou and Beck, Structural Safety 21 (1999)
-113-133).
+through the means of the clusters of all levels, opposite to them, and along each variable both ways enter the event
+near the design points of its parts, which importance sampling of events with several parts takes for centres (Au,
+Papadimitriou and Beck, Structural Safety 21 (1999) 113-133).
 
 A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
 the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
@@ -76,9 +76,9 @@ LEAST_CHANCE = 1e-15  # of what they find
 FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
-AT_DESIGN = (0.5, 0.3, 0.3, 0.3)  # where they are at design points, which are known better than by rays
+AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are known better than by rays
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
-WEAK = 8.0  # equally weighted samples in the event, below which its probability is bounded only
+WEAK = 15.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
 
@@ -287,13 +287,13 @@ def find(
     design, weights, weighed = None, [], 0.0
     if levels:
         # those of the last level first, which know them best
-        rays = np.concatenate(directions[::-1])
-        rays = rays[unlike(rays)][: most_rays(chains.left)]
+        rays = np.concatenate([*directions[::-1], np.eye(d), -np.eye(d), *(-one for one in directions[::-1])])
+        rays = rays[unlike(rays, NEARLY_ALIKE)][: most_rays(chains.left)]
         chance = float(np.prod([level.share for level in levels]))
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
         nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
-        design = chains.design(np.concatenate([centres, nearest])) if has_design else None
+        design = chains.design(np.concatenate([nearest, centres])) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
@@ -507,6 +507,7 @@ class _Chains:
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
         known = levelled(centres, counts.astype(float), self.random())
+        of_chains = centres, known / known.sum(), alike, values
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
@@ -521,8 +522,13 @@ class _Chains:
             inside, g_inside = np.concatenate([inside, drawn[within]]), np.concatenate([g_inside, found[within]])
             if len(inside) >= ENOUGH:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
-                centres, alike, values = inside, None, g_inside
-                known = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
+                own = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
+                own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
+                centres, known, alike, values = inside, own, None, g_inside
+                if own.sum() < ENOUGH:  # chains stand in for what is missing
+                    parts = (inside, own, len(points) + np.arange(len(inside)), g_inside), of_chains
+                    centres, known, alike, values = (np.concatenate(part) for part in zip(*parts))
+                    known[len(inside) :] *= ENOUGH - own.sum()
         roots = np.sqrt(np.arange(1, ROUNDS))
         roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
         return [root * of_round for root, of_round in zip(roots, weights[1:])]
@@ -558,7 +564,7 @@ def _next_deviation(deviation: float, points: np.ndarray) -> float:
 
 
 ALIKE = 0.8  # cosine of the angle between rays to the same part
-MOST = 16
+NEARLY_ALIKE = 0.95  # between rays of which one sees what the other does
 STEPS = 6  # evaluations of g on a ray: of 5.6 deviations a sixth of one is left
 PART_OF_SAMPLES = 8  # rays take one of so many samples that are left, at most
 RARER = 1e-3  # probability of a part over that of the event
@@ -572,23 +578,25 @@ def directions_of(
     `families` and `values`, each (m,), are as in :func:`~pgmp_petsc.ensemble.importance.chosen_density`.
     """
     n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
-    means, _ = cluster_means(points, np.ones(len(points)), families, values, n_clusters, random)
+    weights = np.ones(len(points))
+    several, one = (cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
+    means = np.concatenate([one, several])
     norms = np.sqrt(np.sum(means**2, axis=1))
     return means[norms > 0.0] / norms[norms > 0.0, None]
 
 
-def unlike(directions: np.ndarray) -> list[int]:
-    """Return the numbers of the directions (n, d) that are far from those before them."""
+def unlike(directions: np.ndarray, alike: float = ALIKE) -> list[int]:
+    """Return the numbers of the directions (n, d) that are far from those before them: by the cosine `alike`."""
     kept: list[int] = []
     for number, direction in enumerate(directions):
-        if all(direction @ directions[one] < ALIKE for one in kept):
+        if all(direction @ directions[one] < alike for one in kept):
             kept.append(number)
     return kept
 
 
 def most_rays(n_left: int) -> int:
-    """Return how many rays samples that are left can follow."""
-    return min(MOST, n_left // (PART_OF_SAMPLES * STEPS))
+    """Return how many rays samples that are left can try, of which one of `STEPS` is followed."""
+    return n_left // (2 * PART_OF_SAMPLES)
 
 
 def apart(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -615,7 +623,9 @@ def entrances(
 
     far = -float(ndtri(RARER * probability))
     if len(directions):
+        most = -(-len(directions) // STEPS)
         directions = directions[limit_state(far * directions) <= 0.0]
+        directions = directions[unlike(directions)][: max(most, 1)]
     before, within = np.zeros((len(directions), 1)), np.full((len(directions), 1), far)
     for _ in range(STEPS - 1 if len(directions) else 0):
         middle = 0.5 * (before + within)

@@ -16,13 +16,14 @@ from scipy.special import ndtr
 
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble import intervals, rare_events
+from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.quantities import in_words
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
-from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
+from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, values_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import (

@@ -2,24 +2,21 @@
 
 Values follow from a design's uniform numbers (`designs`) by the inverse distribution function, of the distribution
 truncated to the parameter's bounds where it has any; or they are those of a file. Correlated parameters have a copula
-(`scene.correlation`): uniform numbers become normal ones, z, these ``L z`` with ``L L^T`` the correlation matrix, and
-uniform again. Of Student's with f degrees of freedom z is of a spherical t distribution, one after the other by what is
-known of it: ``z_j = sqrt((f + z_1^2 + .. + z_(j-1)^2) / (f + j - 1)) t``, t of f + j - 1 degrees.
+(`ensemble.copulas`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.copulas import Mixing, mixing_of
 from pgmp_petsc.ensemble.designs import Blocks, Design, Independent, LatinHypercube, Replicates
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.parameters import correlation_matrix
 from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.scene.uses import stop_ends
@@ -137,73 +134,13 @@ def drawn_names(scene: Scene) -> list[str]:
     return names
 
 
-@dataclass(frozen=True, eq=False)
-class Mixing:
-    """What correlated parameters are made with.
-
-    Attributes
-    ----------
-    factor
-        L of the correlation matrix ``L L^T``, shape (d, d).
-    joined
-        Numbers of the parameters that a coefficient names, in order.
-    freedom
-        Degrees of freedom of Student's copula; None: the Gaussian one.
-    """
-
-    factor: np.ndarray
-    joined: np.ndarray
-    freedom: float | None
-
-
-def mixing_of(scene: Scene, names: Sequence[str]) -> Mixing | None:
-    """Return what correlated parameters are made with; None where all are independent."""
-    matrix = correlation_matrix(scene, names)
-    if matrix is None:
-        return None
-    asked = scene.ensemble
-    joined = np.flatnonzero(np.count_nonzero(matrix, axis=1) > 1)
-    freedom = float(asked.copula_freedom) if asked.copula == "student" else None
-    return Mixing(np.linalg.cholesky(matrix), joined, freedom)
-
-
 def values_of(scene: Scene, names: Sequence[str], uniform: np.ndarray, mixing: Mixing | None) -> dict[str, np.ndarray]:
     """Return the values of all parameters, each (n,), that uniform numbers (n, d) of some, not correlated yet, mean;
     others have the value of the run."""
     values = {name: np.full(len(uniform), value) for name, value in scene.values.items()}
-    for column, name in zip(_correlated(uniform, mixing).T, names):
+    for column, name in zip((uniform if mixing is None else mixing.applied(uniform)).T, names):
         values[name] = scene.parameters[name].quantiles(column)
     return values
-
-
-def _correlated(uniform: np.ndarray, mixing: Mixing | None) -> np.ndarray:
-    """Return the uniform numbers (n, d) of correlated parameters; other columns stay as they are."""
-    if mixing is None:
-        return uniform
-    from scipy.special import ndtr, ndtri
-
-    found = uniform.copy()
-    if mixing.freedom is not None:
-        return _student(uniform, found, mixing)
-    mixed = np.flatnonzero(np.count_nonzero(mixing.factor, axis=1) > 1)
-    # one product after the other: a sample must not depend on how many there are
-    normal = ndtri(uniform)
-    for row in mixed:
-        found[:, row] = ndtr(sum(mixing.factor[row, k] * normal[:, k] for k in range(row + 1)))
-    return found
-
-
-def _student(uniform: np.ndarray, found: np.ndarray, mixing: Mixing) -> np.ndarray:
-    """Return the uniform numbers with those of joined parameters by Student's copula."""
-    from scipy.special import stdtr, stdtrit
-
-    freedom, squares, spherical = mixing.freedom, np.zeros(len(uniform)), {}
-    for number, column in enumerate(mixing.joined):
-        known = np.sqrt((freedom + squares) / (freedom + number))
-        spherical[column] = known * stdtrit(freedom + number, uniform[:, column])
-        squares = squares + spherical[column] ** 2
-        found[:, column] = stdtr(freedom, sum(mixing.factor[column, k] * own for k, own in spherical.items()))
-    return found
 
 
 def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
 """How far long work has come, said by rank 0 on stderr.
 
 A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
-after `FIRST` seconds and then every `EVERY` seconds, less often the longer the work takes; short work says nothing.
+every `EVERY` seconds; short work says nothing.
 A thread writes them, so that work of which no unit is done yet is seen to go on.
 
 What is left is told by the rate of the last part of the work, without the time that it waited for the compiler: what
@@ -29,11 +29,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from tqdm import tqdm
 
-FIRST = 5.0  # s, before the first line
-EVERY = 10.0  # s, between lines of work that began less than 100 s ago
-SHARE = 0.1  # of the time since the beginning, between later lines
-SELDOM = 60.0  # s, the longest time between lines
-RECENT = 0.5  # of the time, the last part, whose rate tells what is left; FIRST at least
+EVERY = 5.0  # s, before the first line, and between lines
+RECENT = 0.5  # of the time, the last part, whose rate tells what is left; EVERY at least
 TOLD = 0.01  # of what there was to do, from which on what is left is told
 NOTED = 0.5  # s, between two counts that are kept of the last part
 BEAT = 1.0  # s, between looks of what shows that a command goes on
@@ -112,7 +109,7 @@ class Lines:
         self._start = clock()
         self._seen = deque([(0.0, float(initial))])  # s without waiting, units
         self._waited = waited(self._start)
-        self._next = self._start + FIRST
+        self._next = self._start + EVERY
         self._said = -1  # the count of the last line
         self._turn = threading.Lock()
         self._ended = threading.Event()
@@ -141,11 +138,11 @@ class Lines:
             worked = elapsed - (waited(now) - self._waited)
             if worked - self._seen[-1][0] >= NOTED:
                 self._seen.append((worked, done))
-            while len(self._seen) > 2 and self._seen[1][0] <= worked - max(RECENT * worked, FIRST):
+            while len(self._seen) > 2 and self._seen[1][0] <= worked - max(RECENT * worked, EVERY):
                 self._seen.popleft()
             if now < self._next:
                 return
-            self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
+            self._next = now + EVERY
             left = 0.0 if self._total is None else self._total - done
             since, before = self._seen[0]
             known = left > 0.0 and done - before > 0.0 and worked > since and not _waits_for
@@ -168,7 +165,7 @@ class Lines:
             self._say(_words(self._clock() - self._start))
 
     def _watch(self) -> None:
-        while not self._ended.wait(FIRST):
+        while not self._ended.wait(min(max(self._next - self._clock(), 0.01), EVERY)):
             self.look()
 
     def _say(self, times: str) -> None:
@@ -258,7 +255,7 @@ class Beat:
         self.clear()
 
     def look(self) -> None:
-        """Show what goes on, if it has for `FIRST` seconds and no count shows it."""
+        """Show what goes on, if it has for `EVERY` seconds and no count shows it."""
         waits, now = _waits_for[-1:], self._clock()
         for bar in _bars:  # its time goes on where no unit comes to its end
             if self._person and not bar.disable:
@@ -266,9 +263,9 @@ class Beat:
         what = "" if _counts else waits[0] if waits else _phases[-1] if _phases else "working"
         if what != self._what:
             self.clear()
-            self._what, self._since, self._next = what, now, now + FIRST
+            self._what, self._since, self._next = what, now, now + EVERY
         elif what and now >= self._next and (self._person or waits):
-            self._next = now + (BEAT if self._person else min(max(EVERY, SHARE * (now - self._since)), SELDOM))
+            self._next = now + (BEAT if self._person else EVERY)
             start, end = ("\r\x1b[K", "\r") if self._person else ("", "\n")
             self._shown = True
             self._write(f"{start}pgmp: {what}, {_words(now - self._since)}{end}")

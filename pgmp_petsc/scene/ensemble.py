@@ -54,10 +54,11 @@ class Ensemble(Table):
         'every parameter; "sobol": scrambled Sobol sequences, independent replicates of them; "saltelli": base points '
         "and what differs from them in one parameter, for Sobol indices",
     )
-    copula: Literal["gaussian", "student"] = Field(
+    copula: Literal["gaussian", "student", "clayton", "gumbel", "frank"] = Field(
         "gaussian",
         description='how parameters of [correlation] depend on each other: "gaussian": extremes of two are independent '
-        'in the end; "student": they come together, the more so the less `copula_freedom` is',
+        'in the end; "student": they come together, the more so the less `copula_freedom` is; '
+        '"clayton": low values come together; "gumbel": high values do; "frank": neither do in the end',
     )
     copula_freedom: Number = Field(
         4.0, ge=1.0, le=1000.0, description="degrees of freedom of Student's copula; many are the Gaussian one"

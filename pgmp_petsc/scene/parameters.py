@@ -10,6 +10,9 @@ With ``ensemble.copula = "student"`` these variables have a common multivariate 
 (Demarta and McNeil, International Statistical Review 73 (2005) 111-129): Kendall's coefficient is ``2 / pi asin(r)`` as
 before, and extremes of two come together with the probability ``2 t_(f + 1)(-sqrt((f + 1) (1 - r) / (1 + r)))``, of
 normal ones 0.
+
+With ``clayton``, ``gumbel`` and ``frank`` all pairs depend on each other alike, with Kendall's coefficient ``2 / pi
+asin(r)`` of their common r.
 """
 
 from __future__ import annotations
@@ -370,6 +373,8 @@ def _shapes(distribution: rv_continuous) -> list[str]:
     return distribution.shapes.split(", ") if distribution.shapes else []
 
 
+ARCHIMEDEAN = ("clayton", "gumbel", "frank")
+MOST_ALIKE, MOST_JOINED = 0.97, 20  # coefficient and parameters of theirs, beyond which round-off grows
 SMALLEST_EIGENVALUE = 1e-10  # below, round-off decides whether the matrix has a factor
 
 
@@ -400,6 +405,8 @@ def correlation_problems(scene: Scene) -> Iterator[str]:
     matrix = None if lines else correlation_matrix(scene, names)
     if matrix is None:
         return
+    if scene.ensemble.copula in ARCHIMEDEAN:
+        yield from _not_alike(scene.ensemble.copula, names, matrix)
     smallest = float(np.linalg.eigvalsh(matrix)[0])
     if smallest < SMALLEST_EIGENVALUE:
         yield problem(
@@ -410,6 +417,24 @@ def correlation_problems(scene: Scene) -> Iterator[str]:
     if scene.ensemble.sampler == "saltelli":
         what = "Sobol indices are of independent parameters; leave the correlation out, or take another sampler"
         yield problem("correlation", f'ensemble.sampler = "saltelli" has no part for it: {what}')
+
+
+def kendall(coefficient: float) -> float:
+    """Return Kendall's coefficient of two parameters, of that between their normal variables."""
+    return 2.0 / math.pi * math.asin(coefficient)
+
+
+def _not_alike(copula: str, names: Sequence[str], matrix: np.ndarray) -> Iterator[str]:
+    """Yield why an Archimedean copula cannot join parameters with this matrix."""
+    of_pairs = matrix[np.triu_indices(len(names), 1)]
+    low, high = float(of_pairs.min()), float(of_pairs.max())
+    if not 0.0 < low == high <= MOST_ALIKE or len(names) > MOST_JOINED:
+        yield problem(
+            "correlation",
+            f'ensemble.copula = "{copula}" joins up to {MOST_JOINED} parameters with one coefficient for all pairs, '
+            f"above 0 and at most {MOST_ALIKE:g}; those of {', '.join(names)} are from {low:g} to {high:g}: give every "
+            'pair the same one, or take the copula "gaussian" or "student"',
+        )
 
 
 def _of_pair(scene: Scene, one: str, other: str, coefficient: float, seen: dict[frozenset[str], str]) -> Iterator[str]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.integrate import quad
 
+from pgmp_petsc.ensemble.copulas import mixing_of, theta_of
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
@@ -132,11 +134,77 @@ def test_students_copula_joins_three_and_a_sample_does_not_depend_on_its_batch()
         np.testing.assert_allclose(with_many[name], values, rtol=0.02)
 
 
+ALL_ALIKE = "correlation.r1={E=0.6, rho=0.6}", "correlation.E={rho=0.6}"
+
+
+@pytest.mark.parametrize("copula", ["clayton", "gumbel", "frank"])
+def test_archimedean_copulas_have_their_closed_forms(copula: str) -> None:
+    """Margins, Kendall's coefficient, and how often all three are low or high, by ``C(u, u, u)``."""
+    n, tau = 20_000, 2.0 / np.pi * np.arcsin(0.6)
+    found = draw(scene(*ALL_ALIKE, f'ensemble.copula="{copula}"'), 3, 0, n)
+    laws = {
+        "r1": stats.norm(5.6e-3, 0.56e-3),
+        "E": stats.lognorm(0.2, scale=2.1e11),
+        "rho": stats.uniform(7000.0, 1600.0),
+    }
+    shares = np.array([law.cdf(found[name]) for name, law in laws.items()])
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert stats.kstest(shares[one], "uniform").pvalue > 1e-3
+        # Kendall's coefficient of n pairs is off by less than 2 / (3 sqrt(n)) (1 - tau^2)^(1/2) 2; four times
+        measured = stats.kendalltau(shares[one][:4000], shares[other][:4000]).statistic
+        assert measured == pytest.approx(tau, abs=4.0 * 2.0 / 3.0 / np.sqrt(4000))
+    theta = theta_of(copula, tau)
+
+    def together(u: float, m: int) -> float:
+        if copula == "clayton":
+            return float((m * u**-theta - m + 1.0) ** (-1.0 / theta))
+        if copula == "gumbel":
+            return float(u ** (m ** (1.0 / theta)))
+        return float(-np.log1p(np.expm1(-theta * u) ** m / np.expm1(-theta) ** (m - 1)) / theta)
+
+    u = 0.02
+    low = together(u, 3)
+    # all above 1 - u: inclusion and exclusion
+    high = 1.0 - 3.0 * (1.0 - u) + 3.0 * together(1.0 - u, 2) - together(1.0 - u, 3)
+    for share, exact in ((np.all(shares < u, axis=0), low), (np.all(shares > 1.0 - u, axis=0), high)):
+        assert share.mean() == pytest.approx(exact, abs=4.0 * np.sqrt(exact / n))
+    dependent = {"clayton": low > 3.0 * high, "gumbel": high > 1.5 * low, "frank": max(low, high) < 0.02 * u}
+    assert dependent[copula]
+
+
+def test_theta_is_the_inverse_of_kendalls_coefficient() -> None:
+    """Of Frank's, with Debye's function by integration: 5.736 at a half (Nelsen, An Introduction to Copulas)."""
+    assert theta_of("frank", 0.5) == pytest.approx(5.736, abs=5e-4)
+    for tau in (0.05, 0.3, 0.8):
+        theta = theta_of("frank", tau)
+        debye = quad(lambda t: t / np.expm1(t), 0.0, theta)[0] / theta
+        assert 1.0 - 4.0 * (1.0 - debye) / theta == pytest.approx(tau, abs=1e-9)
+    assert (theta_of("clayton", 0.5), theta_of("gumbel", 0.5)) == (2.0, 2.0)
+
+
+@pytest.mark.parametrize("copula", ["clayton", "gumbel", "frank"])
+@pytest.mark.parametrize("r", [0.05, 0.6, 0.97])
+def test_archimedean_transforms_go_out_to_eight_deviations(copula: str, r: float) -> None:
+    asked = f"correlation.r1={{E={r}, rho={r}}}", f"correlation.E={{rho={r}}}", f'ensemble.copula="{copula}"'
+    mixing = mixing_of(scene(*asked), ["E", "r1", "rho"])
+    grid = stats.norm.cdf(np.array(np.meshgrid(*3 * [[-8.0, -5.0, 0.0, 5.0, 8.0]])).reshape(3, -1).T)
+    found = mixing.applied(grid)
+    assert np.all((found > 0.0) & (found <= 1.0)) and np.all(np.isfinite(found))
+    np.testing.assert_array_equal(found[:, 0], grid[:, 0])
+    # a sample does not depend on its batch, and a share rises with its own number
+    np.testing.assert_array_equal(mixing.applied(grid[7:9]), found[7:9])
+    numbers = np.column_stack([np.full((99, 2), 0.3), np.linspace(0.01, 0.99, 99)])
+    assert np.all(np.diff(mixing.applied(numbers)[:, 2]) > 0.0)
+
+
 @pytest.mark.parametrize(
     ("overrides", "line"),
     [
         (('ensemble.copula="student"',), "[correlation] names no parameters that it could join"),
-        (('ensemble.copula="clayton"', "correlation.r1={E=0.5}"), "ensemble.copula"),
+        (('ensemble.copula="joe"', "correlation.r1={E=0.5}"), "ensemble.copula"),
+        (('ensemble.copula="clayton"', "correlation.r1={E=-0.5}"), "are from -0.5 to -0.5: give every pair the same"),
+        (('ensemble.copula="frank"', "correlation.r1={E=0.98}"), "above 0 and at most 0.97"),
+        (('ensemble.copula="gumbel"', "correlation.r1={E=0.5, rho=0.5}"), "those of E, r1, rho are from 0 to 0.5"),
         (("ensemble.copula_freedom=0.5", "correlation.r1={E=0.5}"), "ensemble.copula_freedom"),
     ],
 )
