@@ -28,6 +28,7 @@ from pgmp_petsc.ensemble.statistics import describe, holds_to, of_event, quantil
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     few_steps,
+    large_errors,
     left_out_of_estimates,
     polynomials_of_lengths,
     truncated_stresses,
@@ -123,7 +124,7 @@ def describe_ensemble(
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
-        *_estimate_remarks(origin, estimates, status),
+        *_estimate_remarks(origin, estimates, status, peaks),
         *of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
@@ -316,15 +317,18 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]
 
 
 def _estimate_remarks(
-    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
+    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
 ) -> tuple[Remark, ...]:
-    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
+    known."""
     scene, remarks = origin.scene, [*origin.not_estimated]
     why = "the run with a coarser step, which they are taken from, failed or has too few steps; take a smaller simulation.step"
     if origin.model == "reduced":
         remarks += remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
+        sizes = {name: peaks.largest(name) for name in estimates["errors"]}
+        remarks += large_errors(estimates["errors"], sizes, origin.model)
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):
             chosen[first:last] = status[first:last] == Status.FINE
