@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.static_equilibrium import starts_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.columns import Columns, checked, share_of
+from pgmp_petsc.ensemble.columns import Columns, block_of, checked, share_of
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.over_time import band_steps
@@ -330,7 +330,8 @@ def _estimate_remarks(
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
         remarks += large_errors(estimates["errors"], sizes, origin.model)
         chosen = np.zeros(status.size, dtype=bool)
-        for first, last in checked(origin.checked_share, status.size):
+        block = block_of(scene, origin.model)
+        for first, last in checked(origin.checked_share, status.size, block):
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:
