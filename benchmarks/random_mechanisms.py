@@ -20,6 +20,8 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.effectivity import FACTOR, Case, compare, refer
+from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -40,6 +42,8 @@ E = 70e9
 nu = 0.33
 rho = 2700.0
 """
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+SEED = 2027  # of parameters
 ROUND = '[coordinates.q]\njoint = "j0"\nrange = [0.0, 6.283185307179586]\nperiodic = true\n'
 LIMITED = '[coordinates.q]\njoint = "j0"\nrange = [-3.0, 3.0]\n'
 
@@ -191,18 +195,153 @@ def arm(rng: np.random.Generator, stop: bool) -> str:
     return s.text(LIMITED if stop else ROUND)
 
 
+def rssr(rng: np.random.Generator, friction: bool) -> str:
+    """Return a four-bar in space of a ball and a universal joint, with friction or a spring at the rocker."""
+    s = Made(rng, "pivot = [0.35, 0.1, 0.0]")
+    rocker = s.number(0.23, 0.27)
+    far = np.array([0.25, 0.1, rocker])  # from the tip of the crank to that of the rocker
+    length, across = float(np.linalg.norm(far)), np.array([0.0, -far[2], far[1]])
+    turn = (across / np.linalg.norm(across) * math.acos(far[0] / length)).tolist()
+    bar = {"element": '"beam3d"', "orientation": [0.0, 1.0, 0.0]}
+    s.add("bodies", "crank", line="{ length = 0.1, elements = 3 }", material='"steel"',
+          section=rectangle(0.01, s.number(0.008, 0.012)), **bar)  # fmt: skip
+    placed = f"{{ origin = [0.1, 0.0, 0.0], rotation = {turn} }}"
+    s.add("bodies", "coupler", line=f"{{ length = {length!r}, elements = 6 }}", element='"beam3d"', material='"alu"',
+          section=circle(s.number(0.003, 0.005)), placement=placed)  # fmt: skip
+    s.add("bodies", "rocker", line=f"{{ length = {rocker!r}, elements = 4 }}", material=f'"{s.material()}"',
+          section=rectangle(0.008, s.number(0.008, 0.012)), **bar,
+          placement="{ origin = [0.35, 0.1, 0.0], rotation = [0.0, -1.5707963267948966, 0.0] }")  # fmt: skip
+    s.joint("j0", "ground:origin", "crank:hinge", axis=[0.0, 0.0, 1.0])
+    s.joint("ball", "crank:tip", "coupler:hinge", "spherical")
+    s.joint("cross", "rocker:tip", "coupler:tip", "universal", axis=[0.0, 1.0, 0.0], second_axis=[0.0, 0.0, 1.0])
+    s.joint("j3", "ground:pivot", "rocker:hinge", axis=[0.0, 1.0, 0.0])
+    s.effect("motor", "torque", joint='"j0"', table=[[0.0, 0.0], [s.number(0.1, 0.3), s.number(0.1, 0.3)]])
+    s.effect("weight", "gravity", direction=[0.0, 0.0, -1.0])
+    if friction:
+        s.effect("brake", "joint_friction", joint='"j3"', limit=s.number(0.01, 0.05), speed=s.number(0.05, 0.1))
+    else:
+        s.effect("spring", "spring_damper", joint='"j3"', stiffness=s.number(0.2, 0.8), damping=s.number(0.0, 0.01))
+    s.outputs(q='type = "angle", joint = "j0"', r='type = "angle", joint = "j3"',
+              mid='type = "deformation", point = "coupler:middle", axis = "z"',
+              s='type = "stress", body = "coupler", quantity = "stress_max"')  # fmt: skip
+    return s.text(ROUND) + "[simulation]\nduration = 0.5\n"
+
+
+def press(rng: np.random.Generator, spring: bool) -> str:
+    """Return a press between two stops that a motor swings to and fro, with friction and perhaps a spring."""
+    s = Made(rng)
+    a, b = s.number(0.08, 0.15), s.number(0.35, 0.5)
+    s.bar("crank", a, 4, "steel", circle(s.number(0.006, 0.01)), (0.0, 0.0), 0.0)
+    s.bar("rod", b, 10, s.material(), circle(s.number(0.004, 0.007)), (a, 0.0), 0.0)
+    s.joint("j0", "ground:origin", "crank:hinge")
+    s.joint("j1", "crank:tip", "rod:hinge")
+    s.joint("sl", "ground:origin", "rod:tip", "point_on_line", direction=[1.0, 0.0])
+    motor = f"{{ amplitude = {s.number(0.8, 2.0)!r}, frequency_hz = {s.number(1.0, 3.0)!r} }}"
+    s.effect("motor", "torque", joint='"j0"', harmonic=motor)
+    s.effect("load", "point_mass", point='"rod:tip"', mass=s.number(0.4, 1.2))
+    s.effect("brake", "joint_friction", joint='"sl"', limit=s.number(0.5, 2.0), speed=s.number(0.02, 0.05))
+    ends = {"lower": b + a * s.number(-0.7, -0.2), "upper": b + a * s.number(0.5, 0.9)}
+    s.effect("stops", "end_stop", joint='"sl"', **ends, stiffness=s.number(1e4, 2e5), damping=s.number(0.2, 0.6))
+    if spring:
+        s.effect("spring", "spring_damper", joint='"sl"', stiffness=s.number(50, 300), damping=1.0, rest=b)
+    s.outputs(q='type = "angle", joint = "j0"', x='type = "sliding", joint = "sl"',
+              mid='type = "deformation", point = "rod:middle", axis = "y"',
+              F=f'type = "stress", body = "rod", quantity = "axial_force", at = [{b / 2!r}, 0.0]')  # fmt: skip
+    start = f"[simulation]\nduration = 0.6\n[simulation.initial.q]\nposition = {s.number(1.0, 1.6)!r}\n"
+    return s.text('[coordinates.q]\njoint = "j0"\nrange = [-3.0, 6.0]\n') + start
+
+
+def toggle(rng: np.random.Generator, stop: bool) -> str:
+    """Return two bars that a spring stretches through their dead centre, with a stop or friction on the knee."""
+    s = Made(rng)
+    a, b, q = s.number(0.15, 0.25), s.number(0.2, 0.3), s.number(0.6, 0.9)
+    knee = (a * math.cos(q), a * math.sin(q))
+    s.bar("first", a, 5, "steel", rectangle(0.015, s.number(0.005, 0.008)), (0.0, 0.0), q)
+    s.bar("second", b, 6, s.material(), rectangle(0.015, s.number(0.004, 0.008)), knee, -math.asin(knee[1] / b))
+    s.joint("j0", "ground:origin", "first:hinge")
+    s.joint("knee", "first:tip", "second:hinge")
+    s.joint("sl", "ground:origin", "second:tip", "point_on_line", direction=[1.0, 0.0])
+    s.effect("load", "point_mass", point='"second:tip"', mass=s.number(0.3, 1.0))
+    s.effect("spring", "spring_damper", joint='"sl"', stiffness=s.number(200, 1500), damping=s.number(0.5, 3.0),
+             rest=a + b + s.number(-0.02, 0.02))  # fmt: skip
+    s.effect("weight", "gravity")
+    if stop:
+        lower, stiffness = s.number(-0.3, 0.0), s.number(100, 1000)
+        s.effect("stop", "end_stop", joint='"j0"', lower=lower, stiffness=stiffness, damping=0.3)
+    s.effect("brake", "joint_friction", joint='"knee"', limit=s.number(0.02, 0.1), speed=s.number(0.1, 0.3))
+    s.outputs(q='type = "angle", joint = "j0"', x='type = "sliding", joint = "sl"',
+              mid='type = "deformation", point = "second:middle", axis = "y", frame = "body"',
+              s='type = "stress", body = "second", quantity = "stress_max"')  # fmt: skip
+    start = f"[simulation]\nduration = 0.5\n[simulation.initial.q]\nposition = {q!r}\n"
+    return s.text('[coordinates.q]\njoint = "j0"\nrange = [-1.2, 1.2]\n') + start
+
+
+def radii(rng: np.random.Generator, stop: bool) -> str:
+    """Return a slider-crank with friction whose rod has a radius by chance, with a spring or a stop."""
+    before, after = slider(rng, stop).split("[bodies.rod]")
+    r = float(after.split("radius = ")[1].split(" ")[0])
+    made = f'[parameters.r]\nnominal = {r!r}\nbounds = [{0.7 * r!r}, {1.3 * r!r}]\n' \
+           f'distribution = {{ name = "norm", loc = {r!r}, scale = {0.1 * r!r} }}\n'  # fmt: skip
+    return before + "[bodies.rod]" + after.replace(f"radius = {r!r}", 'radius = "r"', 1) + made
+
+
+def two(rng: np.random.Generator, stop: bool) -> str:
+    """Return a five-bar of two coordinates with friction, perhaps between stops."""
+    s = Made(rng, "left = [-0.15, 0.0]\nright = [0.15, 0.0]")
+    for name, place, angle in (("left", -0.15, 2.0), ("right", 0.15, 1.1416)):
+        s.bar(f"{name}_crank", 0.25, 4, s.material(), circle(s.number(0.005, 0.007)), (place, 0.0), angle)
+    for name, place, angle in (("left", (-0.254, 0.2273), 0.9), ("right", (0.254, 0.2273), 2.24)):
+        s.bar(f"{name}_bar", 0.4, 6, "alu", circle(s.number(0.004, 0.006)), place, angle)
+    for name in ("left", "right"):
+        s.joint(name, f"ground:{name}", f"{name}_crank:hinge")
+        s.joint(f"{name}_elbow", f"{name}_crank:tip", f"{name}_bar:hinge")
+    s.joint("tip", "left_bar:tip", "right_bar:tip")
+    for name in ("left", "right"):
+        motor = f"{{ amplitude = {s.number(0.1, 0.3)!r}, frequency_hz = {s.number(1.0, 3.0)!r} }}"
+        s.effect(f"{name}_motor", "torque", joint=f'"{name}"', harmonic=motor)
+        s.effect(f"{name}_brake", "joint_friction", joint=f'"{name}"', limit=s.number(0.01, 0.04), speed=0.1)
+        if stop:
+            s.effect(f"{name}_stop", "end_stop", joint=f'"{name}"', stiffness=s.number(20, 100), damping=0.3,
+                     lower=(1.9 if name == "left" else 1.0), upper=(2.1 if name == "left" else 1.3))  # fmt: skip
+    s.effect("tool", "point_mass", point='"left_bar:tip"', mass=s.number(0.1, 0.3))
+    s.outputs(l='type = "angle", joint = "left"', r='type = "angle", joint = "right"',
+              x='type = "position", point = "left_bar:tip", axis = "x"',
+              tip='type = "deformation", point = "left_bar:tip", axis = "y"')  # fmt: skip
+    places = "left = { position = 2.0 }\nright = { position = 1.1416 }\n"
+    start = f"[simulation]\nduration = 0.4\n[simulation.initial]\n{places}"
+    ranges = (("left", [1.2, 2.8]), ("right", [0.4, 1.9]))
+    return s.text("".join(f'[coordinates.{name}]\njoint = "{name}"\nrange = {ends}\n' for name, ends in ranges)) + start
+
+
+def solid(rng: np.random.Generator, stop: bool) -> str:
+    """Return the slider-crank of plane-stress bodies with friction at the slider, a spring or a stop."""
+    text, s = (SCENES / "slider_crank_solid2d.toml").read_text(), Made(rng)
+    mass = s.number(0.2, 1.0)
+    added = f'[effects.load]\ntype = "point_mass"\npoint = "rod:tip"\nmass = {mass!r}\n[effects.brake]\n' \
+            f'type = "joint_friction"\njoint = "slider"\nlimit = {s.number(0.3, 1.0)!r}\nspeed = 0.02\n'  # fmt: skip
+    kind = f'type = "end_stop"\nlower = {s.number(0.5, 0.8)!r}\nstiffness = {s.number(1e4, 1e5)!r}\ndamping = 0.3\n'
+    if not stop:
+        kind = f'type = "spring_damper"\nstiffness = {s.number(5.0, 30.0)!r}\ndamping = 0.5\nrest = 0.8\n'
+    text = text.replace("[reduction]", f'{added}[effects.other]\njoint = "slider"\n{kind}[reduction]')
+    return text.replace('"../meshes', f'"{SCENES.parent}/meshes')
+
+
 KINDS: dict[str, tuple[Callable[[np.random.Generator, bool], str], bool]] = {
     "four_bar": (four_bar, False), "four_bar_stop": (four_bar, True), "slider": (slider, False),
     "slider_stop": (slider, True), "frame_rope": (frame, True), "frame_friction": (frame, False),
-    "arm": (arm, False), "arm_stop": (arm, True),
+    "arm": (arm, False), "arm_stop": (arm, True), "rssr_friction": (rssr, True), "rssr_spring": (rssr, False),
+    "press": (press, False), "press_spring": (press, True), "toggle": (toggle, False), "toggle_stop": (toggle, True),
+    "radii": (radii, False), "radii_stop": (radii, True), "two": (two, False), "two_stops": (two, True),
+    "solid": (solid, False), "solid_stop": (solid, True),
 }  # fmt: skip
 EACH = 3
 
 
 def measure(path: Path, refinement: int) -> list[str]:
     """Return a line for every output: true error, its doubt, and the estimate over it."""
-    case, values = Case(path), {"none": np.zeros(1)}
+    case = Case(path)
     scene, meshes = case.read((), Purpose.BUILD)
+    values = Sampler(scene, Plan(1, SEED)).draw(0, 1) if scene.parameters else {"none": np.zeros(1)}
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         model = ReducedModel(scene, build_rom(scene, meshes, group))
     reference = refer(case, (), values, refinement)

@@ -26,6 +26,8 @@ from pgmp_petsc.indicator.schedule import FINER, most_evaluations, price_of_eval
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
 
 _NUMBER = np.dtype(np.float64)
 _AT_ONCE = 1 << 16  # numbers
@@ -159,13 +161,25 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     return FINER + estimate / (n_steps * OF_STEP * (tables.n_coordinates + tables.n_modes))
 
 
-def checked(share: float, n_samples: int) -> list[tuple[int, int]]:
+def block_of(scene: Scene, model: str) -> int:
+    """Return in what numbers the samples of a model are checked where they are more than one.
+
+    Two samples side by side cost nearly as much as a block of lanes, which also tells of deviations. A share that the
+    scene gives is kept; other models, and those of any lengths, check one after the other.
+    """
+    is_given = scene.ensemble.checked_share is not None
+    return 1 if is_given or model != ReducedModel.name or length_names(scene) else LANES
+
+
+def checked(share: float, n_samples: int, block: int = 1) -> list[tuple[int, int]]:
     """Return the ranges (first, last) of the samples 0 to n_samples - 1 that are checked, last - 1 the last of each.
 
-    The first ``share`` of every ten thousand. As samples are independent, these are as good as any others.
+    The first ``share`` of every ten thousand, in whole blocks (`block_of`) where that is more than one. As samples are
+    independent, these are as good as any others.
     """
     found = []
     for first in range(0, n_samples if share > 0.0 else 0, PERIOD):
         together = min(max(n_samples - first, FEWEST), PERIOD)
-        found.append((first, min(first + max(1, round(share * together)), n_samples)))
+        n = max(1, round(share * together))
+        found.append((first, min(first + (n if n == 1 else -(-n // block) * block), n_samples)))
     return found

@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.static_equilibrium import starts_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.columns import Columns, checked, share_of
+from pgmp_petsc.ensemble.columns import Columns, block_of, checked, share_of
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.over_time import band_steps
@@ -29,6 +29,7 @@ from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
     few_steps,
+    large_errors,
     left_out_of_estimates,
     polynomials_of_lengths,
     truncated_stresses,
@@ -125,7 +126,7 @@ def describe_ensemble(
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
-        *_estimate_remarks(origin, estimates, status),
+        *_estimate_remarks(origin, estimates, status, peaks),
         *of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
             ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
@@ -318,18 +319,23 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]
 
 
 def _estimate_remarks(
-    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
+    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
 ) -> tuple[Remark, ...]:
-    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
+    known."""
     scene, remarks = origin.scene, [*origin.not_estimated]
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     if origin.model == "reduced":
         remarks += remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
+    if estimates["errors"]:
+        sizes = {name: peaks.largest(name) for name in estimates["errors"]}
+        remarks += large_errors(estimates["errors"], sizes, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
-        for first, last in checked(origin.checked_share, status.size):
+        block = block_of(scene, origin.model)
+        for first, last in checked(origin.checked_share, status.size, block):
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:

@@ -126,19 +126,19 @@ def _check_draws(path: Path, found: Ensemble, sampler: Sampler) -> None:
             )
 
 
-def fine_pieces(earlier: Earlier, share: float) -> Iterator[tuple[Piece, Batch]]:
+def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
     """Yield neighbouring samples that are fine, and those of them whose errors were estimated.
 
     Parameters
     ----------
-    share
-        Of the samples whose errors are estimated.
+    share, block
+        Of the samples whose errors are estimated, and in what numbers.
     """
     found = Ensemble.read(earlier.path)
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):
         yield Piece(first, last), _batch(found, first, last)
-    for begin, end in checked(share, fine.size):
+    for begin, end in checked(share, fine.size, block):
         for first, last in _runs(fine, begin, end):
             yield Piece(first, last, True), _checked_batch(found, first, last)
 

@@ -22,7 +22,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.columns import checked, share_of
+from pgmp_petsc.ensemble.columns import block_of, checked, share_of
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
@@ -104,7 +104,8 @@ class Integration:
         """
         model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
         todo = missing([(first, n)], self._finished.samples)
-        to_check = missing(within(checked(self._watching.share, n), first, n), self._finished.checked)
+        to_check = within(checked(self._watching.share, n, self._watching.block), first, n)
+        to_check = missing(to_check, self._finished.checked)
         dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
         n_samples, n_todo = n - first, sum(end - begin for begin, end in todo)
         title = f"{model.title} samples"
@@ -140,7 +141,7 @@ class Integration:
         def taking() -> Finished:
             last = self._finished
             known = [*last.samples], [*last.checked]
-            for piece, batch in fine_pieces(earlier, self._watching.share):
+            for piece, batch in fine_pieces(earlier, self._watching.share, self._watching.block):
                 if missing([(piece.first, piece.last)], known[piece.is_checked]):
                     self.checkpoint.add(piece, batch)
                     known[piece.is_checked].append((piece.first, piece.last))
@@ -329,12 +330,12 @@ class Watching:
 
     Attributes
     ----------
-    share
-        Of the samples whose errors are estimated.
+    share, block
+        Of the samples whose errors are estimated, and in what numbers (`block_of`).
     """
 
     def __init__(self, model: Model) -> None:
-        self.share = share_of(model)
+        self.share, self.block = share_of(model), block_of(model.scene, model.name)
         self._errors: list[Watcher] = []
         if self.share > 0.0:
             reduced = isinstance(model, REDUCED)

@@ -78,19 +78,35 @@ def too_few_steps(n_steps: int) -> tuple[Remark, ...]:
     )
 
 
-def large_errors(errors: EstimatedErrors, model: str = "reduced") -> tuple[Remark, ...]:
-    """Return a warning of outputs whose estimated errors are large."""
-    shares = {name: errors.share(name) for name in errors.outputs}
-    found = [
-        f"{name} {share_text(share)}" if share <= 1.0 else f"{name} more than all of it ({errors.largest[name]:.2g})"
-        for name, share in shares.items()
-        if share > LARGE
-    ]
+def large_errors(
+    errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], model: str = "reduced"
+) -> tuple[Remark, ...]:
+    """Return a warning of outputs whose estimated errors are large, in any of some runs.
+
+    Parameters
+    ----------
+    errors, sizes
+        Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
+    model
+        What runs are of.
+    """
+    found = []
+    for name, values in errors.items():
+        runs = np.flatnonzero(np.isfinite(values) & (sizes[name] > 0.0))
+        shares = values[runs] / sizes[name][runs]
+        n_large = int(np.sum(shares > LARGE))
+        if n_large:
+            worst = int(np.argmax(shares))
+            share, size = float(shares[worst]), float(sizes[name][runs[worst]])
+            text = share_text(share) if share <= 1.0 else f"more than all of it ({size:.2g})"
+            many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
+            found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
         return ()
+    of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
     return (
         warning(
-            f"large estimated errors{OF_MODEL[model]}, as shares of the largest values over the run: "
+            f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
             f"{', '.join(found)}; {SMALLER_ERRORS[model]}"
         ),
     )

@@ -105,6 +105,11 @@ class EstimatedErrors:
         largest = self.largest[output]
         return self.maximum(output) / largest if largest > 0.0 else float("nan")
 
+    def of_one_run(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Return the largest error and the largest size of every output, as of an ensemble of one sample, (1,) each."""
+        maxima, sizes = ({name: np.array([of(name)]) for name in self.outputs} for of in (self.maximum, self.largest.get))
+        return maxima, sizes
+
     def write(self, file: h5py.File, units: dict[str, str]) -> None:
         """Write the group."""
         group = file.create_group("errors", track_order=True)

@@ -93,7 +93,8 @@ class Ensemble(Table):
         le=1.0,
         description="share of the samples whose errors are estimated: the first of every ten thousand samples; "
         "of less than a thousand, the share of a thousand; 0 = none, 1 = all; by default 0.02, or less where that "
-        "would take more than a quarter of the time of the runs, but always one sample",
+        "would take more than a quarter of the time of the runs, but always one sample, and more than one in blocks of "
+        "eight",
     )
     failed_share: Number = Field(
         0.5,

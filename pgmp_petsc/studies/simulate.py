@@ -272,7 +272,10 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
     largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
     errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
-    return errors, [*large_errors(errors, model.name), *step_remarks(model, part.time, part.outputs, other, found)]
+    return errors, [
+        *large_errors(*errors.of_one_run(), model.name),
+        *step_remarks(model, part.time, part.outputs, other, found),
+    ]
 
 
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
@@ -316,7 +319,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(errors), *not_estimated(errors, model.scene)]
+        remarks += [*steps, *large_errors(*errors.of_one_run()), *not_estimated(errors, model.scene)]
         remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]

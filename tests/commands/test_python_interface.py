@@ -90,6 +90,17 @@ def test_an_ensemble_ends_where_its_rule_is_met(rom: pgmp.Rom) -> None:
     assert len(found.status) < 1000 and found.stopping.is_met
 
 
+def test_an_ensemble_warns_of_errors_that_are_large_in_checked_samples(rom: pgmp.Rom) -> None:
+    """Of those alone: shares are the largest error over the largest value of each sample."""
+    overrides = {"ensemble.checked_share": 1.0, "ensemble.extremes": True}
+    found = pgmp.montecarlo(rom, 8, 7, overrides=overrides)
+    (warned,) = (one.text for one in found.record.remarks if one.text.startswith("large estimated errors of the samples"))
+    for name, errors in found.errors.items():
+        size = np.maximum(np.abs(found.extremes[f"{name}/max"]), np.abs(found.extremes[f"{name}/min"]))
+        told, n = f"{name} ", int(np.sum(errors / size > 0.05))
+        assert (told in warned) == (n > 0) and (n == 0 or f"in {n} of 8" in warned.split(told)[1])
+
+
 def test_better_models_correct_an_ensemble(rom: pgmp.Rom) -> None:
     finer = pgmp.Correction("reduced", 20, divisor=2)
     found = pgmp.montecarlo(rom, 40, 7, correct=[finer], overrides={"ensemble.checked_share": 0.0})

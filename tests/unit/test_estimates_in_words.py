@@ -26,9 +26,19 @@ from scenes import slider_crank
 def test_a_share_is_told_where_it_says_something(largest: float, line: str, warned: str) -> None:
     errors = EstimatedErrors(np.array([0.0, 1.0]), {"tip": np.array([0.0, -1e-3])}, {"tip": largest})
     assert of_trajectory(errors, {"tip": "m"}, 1.0)[1].endswith(line)
-    remarks = large_errors(errors)
+    remarks = large_errors(*errors.of_one_run())
     assert bool(remarks) == bool(warned)
     assert all(warned in remark.text for remark in remarks)
+
+
+def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> None:
+    """Samples that are not checked, and outputs that are known to 5 %, are not told."""
+    errors = {"tip": np.array([0.06, 0.01, np.nan, 0.4]), "angle": np.array([0.05, 0.01, np.nan, 0.02])}
+    sizes = {name: np.array([1.0, 1.0, 1.0, 2.0]) for name in errors}
+    (remark,) = large_errors(errors, sizes)
+    assert remark.kind == "warning" and "errors of the samples that are checked, as shares" in remark.text
+    assert "over the run: tip 20 % at most, beyond 5 % in 2 of 3; a smaller simulation.step" in remark.text
+    assert not large_errors({"tip": np.full(4, np.nan)}, sizes)
 
 
 def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:

@@ -61,6 +61,9 @@ def test_the_first_of_every_ten_thousand_are_checked() -> None:
     assert checked(1.0, 2500) == [(0, 2500)]
     assert checked(0.0, 2500) == []
     assert checked(1e-5, 1000) == [(0, 1)]
+    assert checked(0.002, 64, 8) == [(0, 8)], "two samples side by side cost nearly as much"
+    assert checked(0.002, 20_000, 8) == [(0, 24), (10_000, 10_024)]
+    assert checked(0.002, 3, 8) == [(0, 3)] and checked(1e-5, 1000, 8) == [(0, 1)]
 
 
 def test_a_share_is_what_a_quarter_of_the_time_buys() -> None:
