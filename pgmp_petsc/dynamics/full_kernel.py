@@ -167,7 +167,7 @@ def _plus(x, factor, y):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     q, v, a, sections = items(q, width), items(v, width), items(a, width), items(sections, width)
@@ -228,7 +228,7 @@ def add_lumps(lumps, width, sections, block, v, a, gains, fresh, x, place, diago
             add_entry(lumps.positions[k], mass * (gain_a + braking * gain_v), diagonal, lower)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
     """Evaluate the residual of a block, and the matrix.
 
@@ -288,7 +288,7 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def count_turns(problem, q, turns):
     """Put the angles of coordinates and actions in space, (n_turns, n_lanes), to those at q nearest to them."""
     n_angles = problem.angles.dofs.shape[0]
@@ -297,7 +297,7 @@ def count_turns(problem, q, turns):
         _count(problem.actions.statements, problem.actions.dofs, q, turns[n_angles:])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _count(statements, dofs, q, turns):
     """Put statements near `turns`, (n, n_lanes), there."""
     statements = loaded(statements)
@@ -350,7 +350,7 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
             )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def correct_block(
     problem, factors, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
 ):  # fmt: skip
