@@ -138,7 +138,7 @@ def _listed(starts, rows, firsts):
     return products
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def factorise(starts, rows, products, matrix):
     """Factorise in place: the diagonal becomes the inverse of D, and the rest ``L D``.
 
@@ -172,7 +172,7 @@ def factorise(starts, rows, products, matrix):
                 matrix[at] = fused(scaled, matrix[a], matrix[at])
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def substitute(starts, rows, matrix, x):
     """Solve ``L D L^T y = x`` in place, x items (n,) in elimination order."""
     n = starts.size - 1

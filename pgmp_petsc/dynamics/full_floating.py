@@ -193,7 +193,7 @@ def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagon
             at += 1
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def add_floating(
     floating, width, d, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
 ):  # fmt: skip

@@ -167,7 +167,7 @@ def _plus(x, factor, y):
     )  # fmt: skip
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     q, v, a, sections = items(q, width), items(v, width), items(a, width), items(sections, width)
@@ -228,7 +228,7 @@ def add_lumps(lumps, width, sections, block, v, a, gains, fresh, x, place, diago
             add_entry(lumps.positions[k], mass * (gain_a + braking * gain_v), diagonal, lower)
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
     """Evaluate the residual of a block, and the matrix.
 
