@@ -127,7 +127,7 @@ def allocate_local(local, r, n_eta):
     )
 
 
-@njit(cache=True, error_model="numpy", counted=False)
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
 def act(
     local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known
 ):  # fmt: skip

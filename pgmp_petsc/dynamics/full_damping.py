@@ -141,7 +141,7 @@ class ModalFactors(NamedTuple):
         return cls(starts, kinds, firsts, factors, levers, counted)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_modal_damping(modal, d, q, v, x, place, powers):
     """Take the forces of modal damping in d dimensions from x; `powers` are those of each body, (n_bodies, n_lanes)."""
     n_modes = modal.factors.shape[2]

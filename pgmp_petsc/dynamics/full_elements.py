@@ -81,7 +81,7 @@ class Masses(NamedTuple):
     counted: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_beams(beams, width, rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia, internal and damping forces of all elements to x, and their tangents to the matrix."""
     gain_v, gain_a, gain_k = gains
@@ -153,7 +153,7 @@ def _inertia(density, moving, i):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_masses(masses, width, rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and braking of all frames with masses to x, and their tangents to the matrix."""
     v, a, x, densities = items(v, width), items(a, width), items(x, width), items(masses.density, width)
@@ -172,7 +172,7 @@ def add_masses(masses, width, rayleigh, block, v, a, gains, fresh, x, place, dia
                         add_entry(position, (gain_a + alpha * gain_v) * mass, diagonal, lower)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_energies_of_beams(beams, rayleigh, block, q, v, kinetic, strain, powers):
     """Add kinetic and strain energy of the elements that are counted here, shape (n_lanes,), J, and the power of the
     damping of their bodies, shape (n_bodies, n_lanes), W."""
@@ -195,7 +195,7 @@ def add_energies_of_beams(beams, rayleigh, block, q, v, kinetic, strain, powers)
                 powers[beams.body[e], lane] -= beta * viscous_stress(work, rate, stress)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_energies_of_masses(masses, rayleigh, block, v, kinetic, powers):
     """Add the kinetic energy of the frames that are counted here, and the power of what brakes them."""
     for k in range(masses.body.size):
@@ -314,7 +314,7 @@ def _gather(solids, block, first, n_elements, q, v, a, columns):
         columns.material[1, c] = solids.moduli[block, solids.region[e], 1, lane]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"})
 def _evaluate(columns, lame, rayleigh, gains, fresh, work):
     """Fill the forces of the columns, inertia and damping with them, and their tangents."""
     gain_v, gain_a, gain_k = gains
@@ -344,7 +344,7 @@ def _evaluate(columns, lame, rayleigh, gains, fresh, work):
             tangents[first + column] = own
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_solids(solids, width, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia, internal and damping forces of all elements to x, and their tangents to the matrix."""
     n_lanes, columns = q.shape[1], _columns(solids)
@@ -373,7 +373,7 @@ def add_solids(solids, width, block, q, v, a, gains, fresh, x, place, diagonal, 
     keep(space)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"})
 def _fill_energies(columns, lame, rayleigh, work, found):
     """Fill kinetic and strain energy of the columns, and the power of their damping, shape (3, LANES)."""
     beta, alpha = rayleigh[0], rayleigh[1]
@@ -395,7 +395,7 @@ def _fill_energies(columns, lame, rayleigh, work, found):
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_energies(solids, block, q, v, kinetic, strain, powers):
     """Add kinetic and strain energy of the elements that are counted here, shape (n_lanes,), J, and the power of the
     damping of their bodies, shape (n_bodies, n_lanes), W."""

@@ -146,7 +146,7 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
     return table
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _add_elements(elements, width, sections, block, q, v, result):
     """Add the energies of all elements, and the power of the damping of their bodies."""
     q, v, sections, result = items(q, width), items(v, width), items(sections, width), items(result, width)
@@ -176,7 +176,7 @@ def _shared(one, other):
     return one * one + one * other + other * other
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _add_lumps(lumps, width, sections, block, v, result):
     """Add the energies of the nodes' own masses, and the power of what brakes them."""
     masses, sections = items(lumps.mass, width), items(sections, width)

@@ -237,7 +237,7 @@ def add_floating(
     keep(space)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""

@@ -20,7 +20,7 @@ from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import items, keep
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def evaluate_actions(
     actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, about, forces, tangents, powers,
     stored, depths
@@ -145,7 +145,7 @@ def add_loads(loads, width, block, amplitudes, share, x, place):
         x[place[loads.dofs[entry]]] -= share * loads.values[entry] * amplitudes[number] * weights[block, number]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
     """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
 
@@ -171,7 +171,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     return Acted(forces, tangents, powers, stored, depths)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
     """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""
     now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh, gains[0] != 0.0)

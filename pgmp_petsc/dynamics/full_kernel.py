@@ -288,7 +288,7 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def count_turns(problem, q, turns):
     """Put the angles of coordinates and actions in space, (n_turns, n_lanes), to those at q nearest to them."""
     n_angles = problem.angles.dofs.shape[0]
@@ -297,7 +297,7 @@ def count_turns(problem, q, turns):
         _count(problem.actions.statements, problem.actions.dofs, q, turns[n_angles:])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _count(statements, dofs, q, turns):
     """Put statements near `turns`, (n, n_lanes), there."""
     statements = loaded(statements)
@@ -350,7 +350,7 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
             )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def correct_block(
     problem, factors, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
 ):  # fmt: skip

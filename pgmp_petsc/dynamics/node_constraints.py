@@ -248,7 +248,7 @@ def _wanted(constraints, k, driven):
     return constraints.wanted[k] + driven[motion] if motion >= 0 else constraints.wanted[k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what statements give that are not linear, lane by lane; see `add_constraints`."""
     rows, statements = constraints.rows, loaded(constraints.rows.statements)
@@ -402,7 +402,7 @@ class CurvedParts:
         return Curved(rows, frames, p.directors, first, second, p.factors, turning, positions)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_curved_ties(curved, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what ties have of second order; see `node_constraints.add_constraints`."""
     n_dofs, n_lanes = q.shape

@@ -264,7 +264,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
             scatter(vectors, memory.samples[block], lanes[block], part)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+@njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def _advance_block(
     equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes, state, clocks, work, local,
     progress,

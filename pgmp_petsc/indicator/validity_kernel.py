@@ -176,7 +176,7 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
     _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room)
 
 
-@njit(error_model="numpy", counted=False)
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
 def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, room):
     """Look at the states block by block; see `look_at`. `room` is for what holds at one state of a block."""
     samples, q, rates, moving, loading, own_stiffness = room

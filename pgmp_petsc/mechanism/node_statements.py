@@ -78,7 +78,7 @@ def scratch_of(statements, m):
     return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.zeros((n, 2 * m)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def state(statements, k, y, known, second, scratch, g, h):
     """Evaluate a statement in the unknowns of its two nodes.
 

@@ -59,6 +59,37 @@ print("numba.np.arrayobj" in sys.modules, len(stairs.stats.cache_hits))
 print(stairs(np.arange(2)).tolist(), "numba.np.arrayobj" in sys.modules, stairs(np.ones(1)).tolist(), cache_problem())
 """
 
+# a function in another file that is called by its name, and whether its code is in its caller
+APART = """
+from pgmp_petsc.runtime.compiled import njit
+
+@njit(cache=True, apart=True)
+def halved(pair, x):
+    for i in range(x.size):
+        x[i] *= 0.5 * pair[0]
+"""
+CALLER = """
+from apart import halved
+from pgmp_petsc.runtime.compiled import njit
+
+@njit(cache=True, entry=True)
+def quartered(pair, x):
+    halved(pair, x)
+    halved(pair, x)
+    return x.sum()
+"""
+QUARTERS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from caller import halved, quartered
+from pgmp_petsc.runtime.compiled import cache_problem
+print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
+print([sum(found.stats.cache_hits.values()) for found in (halved, quartered)])
+code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
+print("define" in code and "mul" in code)
+"""
+
 
 @pytest.fixture
 def module(tmp_path: Path) -> Path:
@@ -249,3 +280,25 @@ def test_what_is_kept_is_marked_by_the_text_of_all_that_is_imported(
     compiled._file_of.cache_clear()
     compiled._text_of.cache_clear()
     assert compiled.source_mark("numpy.linalg") is None
+
+
+def test_functions_that_are_called_by_their_names(tmp_path: Path):
+    """Their code is not in their callers; what the cache lost of them is compiled again before these are loaded."""
+    source, cache = tmp_path / "source", tmp_path / "cache"
+    source.mkdir()
+    (source / "apart.py").write_text(APART)
+    (source / "caller.py").write_text(CALLER)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", QUARTERS, str(source)]
+
+    def said() -> list[str]:
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, env=environment, timeout=TIMEOUT_SECONDS
+        ).stdout.splitlines()
+
+    values = "3.0 0.75 None"
+    assert said() == [values, "[0, 0]", "False"]
+    assert said() == [values, "[1, 1]", "False"]
+    for kept in cache.rglob("*halved*"):
+        kept.unlink()
+    assert said() == [values, "[0, 1]", "False"]
