@@ -262,11 +262,8 @@ class Record:
         """Write it into a group."""
         for leaf in sorted(leaves(self), key=lambda leaf: leaf.one.is_attribute):
             if leaf.value is GROUP:
-                (
-                    group.require_group(leaf.place)
-                    if leaf.place in group
-                    else group.create_group(leaf.place, track_order=True)
-                )
+                if leaf.place not in group:
+                    group.create_group(leaf.place, track_order=True)
             elif leaf.one.is_rows:
                 _put_rows(group, leaf)
             elif leaf.one.is_attribute:
@@ -385,6 +382,7 @@ def _value(one: Holding, context: Context) -> Any:
 
 
 def joined(base: str, place: str) -> str:
+    """Return a place within a group; of an attribute of the group it begins with @."""
     return f"{base}/{place}" if base and place and not place.startswith("@") else f"{base}{place}"
 
 
@@ -436,7 +434,7 @@ def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
 
 def _put_rows(group: h5py.Group, leaf: Leaf) -> None:
     """Write rows as columns."""
-    rows, sizes = leaf.value, sizes_of(leaf.context.own)
+    rows, sizes = leaf.value, check_sizes(leaf.context.own)
     for place, holdings in _columns(leaf.one.value).items():
         entry = holdings[0].entry
         values = [[encoded(one.entry, getattr(row, one.name)) for row in rows] for one in holdings]
@@ -455,6 +453,7 @@ def _put_rows(group: h5py.Group, leaf: Leaf) -> None:
 
 
 def encoded(entry: Entry, value: Any) -> Any:
+    """Return a value as the file has it."""
     return value if entry.code is None else entry.code[0](value)
 
 
@@ -539,8 +538,7 @@ class _Reader(NamedTuple):
             import h5py
 
             texts = h5py.check_string_dtype(group[place].dtype) is not None
-        n_found = getattr(group.get(place), "ndim", 0) + n_less
-        data = take(group, place, _n_dimensions(entry.sizes, n_found) - n_less, texts)
+        data = take(group, place, _n_dimensions(entry.sizes, group, place, n_less), texts)
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
             check_known(group, place, data)
         if one.value is Any and texts:
@@ -596,6 +594,8 @@ def group_at(group: h5py.Group, place: str) -> h5py.Group:
     """Return a group; raises `TypeError` where there is a dataset, which would be gone through number by number."""
     import h5py
 
+    if place and place not in group:
+        raise KeyError(f"'/{place}' is missing")
     found = group[place] if place else group
     if not isinstance(found, h5py.Group):
         raise TypeError(f"'/{place}' is no group")
@@ -620,9 +620,9 @@ class Stored(Mapping[str, np.ndarray]):
         with shapes_of(self._group.file):
             return self._reader.array(self._one, self._group, name.replace("/", ":"), name)
 
-    def shape_of(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an array without reading it."""
-        return self._group[name.replace("/", ":")].shape
+    def dataset(self, name: str) -> h5py.Dataset:
+        """Return an array without reading it."""
+        return self._group[name.replace("/", ":")]
 
     def __iter__(self) -> Iterator[str]:
         return (name.replace(":", "/") for name in self._group)
@@ -631,23 +631,19 @@ class Stored(Mapping[str, np.ndarray]):
         return len(self._group)
 
 
-def _n_dimensions(sizes: tuple[str | int, ...], found: int) -> int:
-    """Return how many dimensions a dataset is to have, which has `found`."""
-    if sizes == ("...",):
-        return found
+def _n_dimensions(sizes: tuple[str | int, ...], group: h5py.Group, place: str, n_less: int) -> int:
+    """Return how many dimensions a dataset is to have; as many as it has where any will do."""
     least = sum(not str(size).endswith("?") for size in sizes)
-    return found if least <= found <= len(sizes) else len(sizes)
+    if sizes != ("...",) and least == len(sizes):
+        return least - n_less
+    n_found = getattr(group.get(place), "ndim", 0)
+    return n_found if sizes == ("...",) or least <= n_found + n_less <= len(sizes) else len(sizes) - n_less
 
 
-def sizes_of(record: Record) -> dict[str, int]:
-    """Return the sizes of a record by name; raises `ValueError` where its arrays do not agree about them."""
-    return check_sizes(record)
-
-
-def check_sizes(record: Record, known: Mapping[str, int] | None = None) -> dict[str, int]:
+def check_sizes(record: Record, known: Mapping[str, int] | None = None, within: str = "") -> dict[str, int]:
     """Return the sizes of a record by name; raise `ValueError` unless its arrays, and those of the records that it
     holds, agree about them and about those that are `known`, and texts are allowed ones."""
-    sizes, within = dict(known or {}), []
+    sizes, inner = dict(known or {}), {}
     for one in declared(type(record)):
         value = getattr(record, one.name)
         if value is None:
@@ -656,23 +652,25 @@ def check_sizes(record: Record, known: Mapping[str, int] | None = None) -> dict[
             if one.entry.allowed and text not in one.entry.allowed:
                 raise ValueError(f"{one.name} is '{text}'; allowed: {', '.join(one.entry.allowed)}")
         if one.is_record:
-            within += list(value.values() if one.depth else value if one.is_rows else [value])
+            inner |= {f"{within}{label}: ": own for label, own in _labelled(one.name, value, one.depth, one.is_rows)}
         if one.entry.sizes:
-            for label, shape in _shapes(one.name, value, one.depth):
-                check_shape(label, shape, one.entry.sizes, sizes)
-    for inner in within:
-        check_sizes(inner, sizes)
+            for label, own in _labelled(one.name, value, one.depth):
+                shape = own.shape if hasattr(own, "shape") else (len(own),)
+                check_shape(f"{within}{label}", shape, one.entry.sizes, sizes)
+    for label, own in inner.items():
+        check_sizes(own, sizes, label)
     return sizes
 
 
-def _shapes(label: str, value: Any, depth: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+def _labelled(label: str, value: Any, depth: int, is_rows: bool = False) -> Iterator[tuple[str, Any]]:
+    """Yield all values of a field, or its rows, with what a message calls them."""
     if isinstance(value, Stored):
-        yield from ((f"{label} '{name}'", value.shape_of(name)) for name in value)
-    elif depth:
-        for name, own in value.items():
-            yield from _shapes(f"{label} '{name}'", own, depth - 1)
+        yield from ((f"{label} '{name}'", value.dataset(name)) for name in value)
+    elif depth or is_rows:
+        for name, own in value.items() if depth else enumerate(value):
+            yield from _labelled(f"{label} {name!r}", own, depth - bool(depth))
     else:
-        yield label, value.shape if isinstance(value, np.ndarray) else (len(value),)
+        yield label, value
 
 
 def check_shape(label: str, shape: tuple[int, ...], sizes: tuple[str | int, ...], known: dict[str, int]) -> None:

@@ -85,9 +85,8 @@ class Ensemble(Result):
     model: str = attribute("@model", allowed=MODELS, about="full, components or reduced")
     record: RunRecord = run_record()
     parameters: Mapping[str, np.ndarray] = array(
-        "sample", unit="{unit}", about="sampled values of parameter '{name}'", ordered=True, gaps=True,
-        label="parameter.{name}",
-    )  # fmt: skip
+        "sample", unit="{unit}", about="sampled values of parameter '{name}'", ordered=True, label="parameter.{name}"
+    )
     outputs: Mapping[str, np.ndarray] = array(
         "sample", unit="{unit}", about="output '{name}' at the end time", ordered=True, gaps=True, label="{name}"
     )

@@ -57,9 +57,8 @@ class EstimatedErrors(Record):
     """Estimated errors of a run."""
 
     time: np.ndarray = array(
-        "error_time", unit="s", about="instants at which the errors are estimated", label="error_time", is_axis=True,
-        gaps=True,
-    )  # fmt: skip
+        "error_time", unit="s", about="instants at which the errors are estimated", label="error_time", is_axis=True
+    )
     outputs: dict[str, np.ndarray] = array(
         "error_time", at="", unit="{unit}", about="estimated error of output '{name}', {own.what}", gaps=True,
         label="error.{name}",

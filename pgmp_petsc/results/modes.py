@@ -27,7 +27,7 @@ class ModesTable(Result):
     kind = "modes"
     record: RunRecord = run_record()
     theta: np.ndarray = array(
-        "coordinate?", "configuration", columns="coordinate_units", about="configurations", gaps=True,
+        "coordinate?", "configuration", columns="coordinate_units", about="configurations",
         label="theta.{column}", is_axis=True,
     )  # fmt: skip
     full_hz: np.ndarray = array(

@@ -88,7 +88,7 @@ class Tradeoff(Result):
         "errors@units", "output", code=JSON, about="units of the outputs, in the order of the columns (JSON)"
     )
     test_values: dict[str, np.ndarray] = array(
-        "test", at="parameters", unit="{unit}", about="test values of '{name}'", ordered=True, gaps=True,
+        "test", at="parameters", unit="{unit}", about="test values of '{name}'", ordered=True,
         words=lambda own, name, _: {"unit": own.parameter_units.get(name, "1")},
     )  # fmt: skip
     parameter_units: dict[str, str] = units_of("parameters")

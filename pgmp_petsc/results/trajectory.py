@@ -45,11 +45,11 @@ def _frame(at: str, about: str, *sizes: str | int, unit: str = "m") -> Any:
 class FrameTable(Record):
     """Shapes of the mechanism at some instants, with the nodes of all bodies in one numbering."""
 
-    time: np.ndarray = array("frame", at="frames/time", unit="s", about="instants of the frames", gaps=True)
+    time: np.ndarray = array("frame", at="frames/time", unit="s", about="instants of the frames")
     points: np.ndarray = _frame("points", "positions at {instant} s, ground frame", 3)
     rotation: np.ndarray = _frame("rotation", "rotation of the nodes at {instant} s", "axis?", unit="rad")
     nodes: np.ndarray = array(
-        "node", "dimension", at="mesh/nodes", unit="m", about="undeformed nodes in the frame of their body", gaps=True
+        "node", "dimension", at="mesh/nodes", unit="m", about="undeformed nodes in the frame of their body"
     )
     cells: np.ndarray = array("line", 2, at="mesh/cells", about="node numbers of the line cells", stored=np.int32)
     body: np.ndarray = array("node", at="mesh/body", about="body of each node", stored=np.int32)
@@ -148,7 +148,7 @@ class Trajectory(Result):
     kind = "trajectory"
     model: str = attribute("@model", allowed=MODELS, about="full, components or reduced")
     record: RunRecord = run_record()
-    time: np.ndarray = array("time", unit="s", about="time", label="time", is_axis=True, gaps=True)
+    time: np.ndarray = array("time", unit="s", about="time", label="time", is_axis=True)
     outputs: dict[str, np.ndarray] = array(
         "time", unit="{unit}", about="output '{name}' over time", ordered=True, gaps=True, label="{name}"
     )

@@ -80,7 +80,7 @@ def test_a_record_comes_back(tmp_path: Path) -> None:
     [
         ({"time": np.zeros((3, 1))}, r"time has shape \(3, 1\); needed: \(time\)"),
         ({"flags": np.zeros(4, dtype=bool)}, r"flags has shape \(4,\); needed: \(time: 3\)"),
-        ({"inner": {"a": Inner(np.zeros(2), 0.5)}}, r"values has shape \(2,\); needed: \(time: 3\)"),
+        ({"inner": {"a": Inner(np.zeros(2), 0.5)}}, r"inner 'a': values has shape \(2,\); needed: \(time: 3\)"),
         ({"grid": np.zeros((2, 4))}, r"grid has shape \(2, 4\); needed: \(layer\?, time: 3\)"),
         ({"grid": np.zeros((2, 3, 1))}, r"grid has shape \(2, 3, 1\)"),
         ({"texts": ("one",)}, r"texts has shape \(1,\); needed: \(row: 2\)"),
@@ -116,7 +116,7 @@ def drop(path: str, key: str) -> object:
         (change("time", [0.0, np.nan, 1.0]), "dataset '/time' holds NaN, which no number of it can be"),
         (change("time", np.zeros((3, 1))), r"dataset '/time' has shape \(3, 1\); needed: 1 dimension"),
         (change("grid", np.zeros((1, 1, 3))), r"has shape \(1, 1, 3\); needed: 2 dimension"),
-        (change("inner"), "inner"),
+        (change("inner"), "'/inner' is missing"),
         (change("inner", np.zeros(3)), "'/inner' is no group"),
         (change("inner/a", np.zeros(3)), "'/inner/a' is no group"),
         (change("limits", np.zeros((1, 2))), "zip"),
@@ -159,25 +159,29 @@ def test_every_dataset_is_declared_and_numbers_that_are_missing_are_told(name: s
     """Of a whole file one number after the other: those are refused that the tables of docs/files.md do not let miss."""
     result, path = RESULTS[name](), tmp_path / "f.h5"
     result.write(path)
-    whole, places = path.read_bytes(), []
+    whole, places, tried = path.read_bytes(), [], set()
     with h5py.File(path) as file:
         file.visititems(lambda place, item: places.append((place, getattr(item, "dtype", None))))
     for place, kind in places:
         rows = [row for row in described(type(result)) if re.fullmatch(pattern(row.place), place)]
+        rows.sort(key=lambda row: row.place.count("<"))
         if kind is None or place.startswith("timings"):
             continue
         assert rows, place
-        if kind != "f8" or rows[0].is_derived or name.startswith("shard"):
+        if kind != "f8" or rows[0].is_derived or rows[0].place in tried or name.startswith("shard"):
             continue
+        tried.add(rows[0].place)
         path.write_bytes(whole)
         with resealed(path) as file:
             values = np.array(file[place][()])
             values.flat[:1] = np.nan
             file[place][...] = values
-        if not values.size or any(row.gaps for row in rows):
+        if not values.size or rows[0].gaps:
             type(result).read(path)
             continue
-        with pytest.raises(InputError, match=f"damaged: dataset '/{place}' holds NaN, which no number of it can be; write"):
+        with pytest.raises(
+            InputError, match=f"damaged: dataset '/{place}' holds NaN, which no number of it can be; write"
+        ):
             type(result).read(path)
 
 
