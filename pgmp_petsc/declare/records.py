@@ -259,17 +259,20 @@ class Record:
         check_sizes(self)
 
     def put(self, group: h5py.Group) -> None:
-        """Write it into a group."""
-        for leaf in sorted(leaves(self), key=lambda leaf: leaf.one.is_attribute):
+        """Write it into a group, one array after the other: those of a mapping may be read from a file for that."""
+        attributes = []  # of arrays that have to be there
+        for leaf in leaves(self):
             if leaf.value is GROUP:
                 if leaf.place not in group:
                     group.create_group(leaf.place, track_order=True)
             elif leaf.one.is_rows:
                 _put_rows(group, leaf)
             elif leaf.one.is_attribute:
-                _put_attribute(group, leaf)
+                attributes.append(leaf)
             elif leaf.one.place != NO_FILE or leaf.one.depth:
                 _put_arrays(group, leaf)
+        for leaf in attributes:
+            _put_attribute(group, leaf)
 
     @classmethod
     def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+import weakref
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import file_tables
@@ -131,6 +133,32 @@ def test_what_is_damaged_is_told(damage, message: str, tmp_path: Path) -> None:
         file.flush()
         with pytest.raises((InputError, LookupError, ValueError, TypeError), match=message):
             Sample.take(file)
+
+
+class Counting(Mapping):
+    """Arrays that are made when they are asked for, and how many of them there were at once."""
+
+    def __init__(self) -> None:
+        self.most, self._made = 0, []
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        made = np.ones(12)
+        self._made.append(weakref.ref(made))
+        self.most = max(self.most, sum(one() is not None for one in self._made))
+        return made
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([f"x{k}" for k in range(9)])
+
+    def __len__(self) -> int:
+        return 9
+
+
+def test_columns_in_a_file_are_written_one_after_the_other(tmp_path: Path) -> None:
+    """The one that is written, and the one that is read meanwhile."""
+    columns = Counting()
+    replace(RESULTS["ensemble_bare"](), outputs=columns).write(tmp_path / "f.h5")
+    assert columns.most <= 2
 
 
 def test_padding_goes_again(tmp_path: Path) -> None:
