@@ -89,7 +89,7 @@ def array(*sizes: str | int, default: Any = MISSING, **how: Any) -> Any:
     how
         ``unit``, ``about``, ``at``: see the module. ``also``: further places of an attribute. ``gaps``: whether numbers
         may be missing (NaN), which may depend on the name. ``absent``: what a file without it means, which is damaged
-        if not given. ``when``: of which records it is written. ``code``: how a value is encoded and decoded.
+        if not given; it may depend on what was read before. ``when``: of which records it is written. ``code``: how a value is encoded and decoded.
         ``stored``: type of the numbers in the file. ``allowed``: its values. ``part``: it is this column of the array
         at its place, or this entry of the JSON objects there. ``padded``: number of columns in the file, filled with
         zeros. ``each``: a dataset for each entry along the first axis, and the word for such an entry. ``columns``: the
@@ -494,8 +494,9 @@ class _Reader(NamedTuple):
             return one.value.take(group_at(self.group, place), words)
         place = Context(None, words).text(place)
         path, _, key = place.partition("@")
-        if entry.absent is not NEEDED and not (path in self.group if not key else key in self._attributes(path)):
-            return entry.absent
+        absent = entry.absent(self.taken) if callable(entry.absent) else entry.absent
+        if absent is not NEEDED and not (path in self.group if not key else key in self._attributes(path)):
+            return absent
         if one.is_attribute:
             return _decoded(one, self._attributes(path)[key])
         return self.array(one, self.group, place, words.get("name", ""))

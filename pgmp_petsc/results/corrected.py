@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.declare.records import Context, Record, array, attribute, check_shape, derived
+from pgmp_petsc.declare.records import NEEDED, Context, Record, array, attribute, check_shape, derived
 
 UNKNOWN = float("nan")
 FIGURES = {
@@ -38,7 +38,8 @@ class Figure(Record):
     )  # fmt: skip
     alone_interval: np.ndarray = array(
         2, at="{name}_alone_interval", unit="{unit}", about="its confidence interval", gaps=True,
-        absent=np.full(2, UNKNOWN), when=_of_best,
+        default=np.full(2, UNKNOWN),
+        absent=lambda taken: NEEDED if np.isfinite(taken["alone"]) else np.full(2, UNKNOWN), when=_of_best,
     )  # fmt: skip
     FURTHER = (derived(float, lambda _, at: at.words["confidence"], "{name}_interval@confidence"),)
 

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.declare.records import Record, Result, array, attribute, check_known, derived, run_record, units_of
+from pgmp_petsc.declare.records import (
+    Record,
+    Result,
+    array,
+    attribute,
+    check_known,
+    check_shape,
+    derived,
+    run_record,
+    units_of,
+)
 from pgmp_petsc.runtime.files import RunRecord, take
+
+if TYPE_CHECKING:
+    import h5py
 
 KIND = "design"
 UNKNOWN = float("nan")
@@ -48,7 +62,13 @@ class DesignConstraint(Record):
 
 def _goal(number: int) -> float:
     """Declare the goal at the start (0) or of the design (1)."""
-    return array(found=lambda file, _: float(check_known(file, "goal", take(file, "goal", 1))[number]))
+
+    def found(file: h5py.Group, _: dict[str, Any]) -> float:
+        values = check_known(file, "goal", take(file, "goal", 1))
+        check_shape("goal", values.shape, (2,), {})
+        return float(values[number])
+
+    return array(found=found)
 
 
 @dataclass(frozen=True)

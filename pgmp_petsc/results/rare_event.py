@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.declare.records import Record, Result, array, attribute, derived, run_record
+from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
 from pgmp_petsc.results.statistics import MODELS
 from pgmp_petsc.runtime.files import RunRecord, take
 
@@ -41,7 +41,9 @@ class MostLikely(Record):
 
 
 def _curve(file: h5py.Group, _: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    return take(file, "curve/value", 1), take(file, "curve/probability", 1)
+    value, probability = (take(file, f"curve/{name}", 1) for name in ("value", "probability"))
+    check_shape("curve/probability", probability.shape, value.shape, {})
+    return value, probability
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class ShardSamples(Result):
     def __post_init__(self) -> None:
         if not isinstance(self.units, dict):
             raise ValueError(f"units are {self.units!r}; needed: one of every output")
-        if "status" not in self.columns:
+        if "status" not in [*self.columns]:
             raise ValueError("columns lack 'status'")
         sizes = check_sizes(self)
         if sizes.get("known", 0) > sizes["sample"]:

@@ -184,7 +184,7 @@ def pattern(place: str) -> str:
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_every_dataset_is_declared_and_numbers_that_are_missing_are_told(name: str, tmp_path: Path) -> None:
-    """Of a whole file one number after the other: those are refused that the tables of docs/files.md do not let miss."""
+    """One number of a whole file after the other: those are refused that docs/files.md does not let miss."""
     result, path = RESULTS[name](), tmp_path / "f.h5"
     result.write(path)
     whole, places, tried = path.read_bytes(), [], set()

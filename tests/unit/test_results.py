@@ -14,7 +14,7 @@ from every_result import LISTINGS, PARTS, RESULTS, listing
 from sealed import resealed
 
 from pgmp_petsc import results
-from pgmp_petsc.results import Ensemble, Frames, ModesTable, Trajectory
+from pgmp_petsc.results import Ensemble, Frames, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
 
@@ -166,3 +166,36 @@ def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
         assert getattr(results, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
         _ = results.Trajectories
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "message"),
+    [
+        ("design", "goal", np.zeros(5), r"goal has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "curve/probability", np.zeros(5), r"curve/probability has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "parameters/r1", np.zeros(5), r"parameters 'r1' has shape \(5,\); needed: \(sample: 6\)"),
+        ("ensemble", "corrected/crank_angle/mean_alone_interval", None, "mean_alone_interval' is missing"),
+        ("ensemble", "sobol/crank_angle/ST", None, "total Sobol indices and their intervals go together"),
+        (
+            "ensemble",
+            "kept/unstable_start",
+            np.zeros(5),
+            r"kept 'unstable_start' has shape \(5,\); needed: \(sample: 12",
+        ),
+        ("ensemble", "bands/crank_angle/mean", np.zeros(5), r"mean has shape \(5,\); needed: \(time: 21\)"),
+        ("trajectory", "fields/bar/points/00001", None, r"deformation has shape \(3, 13, 2\); needed: \(frame: 2"),
+        ("trajectory", "fields/bar/at_cells/von_mises", None, "quantities at nodes, in cells and units of a body"),
+        ("tradeoff", "settings/angles", None, "/settings lacks angles"),
+        ("shard", "columns/status", None, "columns lack 'status'"),
+    ],
+)
+def test_what_does_not_fit_together_is_told(name: str, place: str, value: object, message: str, tmp_path: Path) -> None:
+    result, path = RESULTS[name](), tmp_path / "f.h5"
+    result.write(path)
+    with resealed(path) as file:
+        del file[place]
+        if value is not None:
+            file[place] = value
+            file[place].attrs["unit"] = "1"
+    with pytest.raises(InputError, match=f"f.h5'.*{message}"), type(result).opened(path):
+        pass
