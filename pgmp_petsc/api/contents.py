@@ -111,8 +111,8 @@ def _read(path: Path) -> Contents:
             str(file.attrs["program_version"]),
             int(file.attrs["format_version"]),
             RunRecord.read(file),
-            Selection.read(file),
-            EffectSizes.read(file),
+            Selection.found_in(file),
+            EffectSizes.found_in(file),
             _datasets(file),
         )
 

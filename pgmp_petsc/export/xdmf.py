@@ -17,8 +17,8 @@ import h5py
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.results.body_fields import GROUP, PLACES
-from pgmp_petsc.results.layout import frame_name
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take
@@ -91,7 +91,7 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
     series = ElementTree.SubElement(domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal")
     time = take(file, "frames/time", 1)
     for number, instant in enumerate(time):
-        name = frame_name(number)
+        name = number_name(number)
         grid = ElementTree.SubElement(series, "Grid", Name=f"frame {name}", GridType="Uniform")
         ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
         cells = file["mesh/cells"]
@@ -115,7 +115,7 @@ def _add_field(domain: ElementTree.Element, body: str, group: h5py.Group, time: 
     series = ElementTree.SubElement(domain, "Grid", Name=body, GridType="Collection", CollectionType="Temporal")
     cells = group["cells"]
     for number, instant in enumerate(time):
-        frame = frame_name(number)
+        frame = number_name(number)
         grid = ElementTree.SubElement(series, "Grid", Name=f"{body} {frame}", GridType="Uniform")
         ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
         topology = ElementTree.SubElement(

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.figures.motion import VALUES, skin_of
 from pgmp_petsc.figures.shapes import shown_positions
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.figures.surfaces import coarsened, outlines
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.body_fields import BodyField
-from pgmp_petsc.results.layout import frame_name
 
 # Nodes of all surfaces of a film: what a phone draws 25 times a second.
 MOST_NODES = 6000
@@ -172,7 +172,7 @@ def stress_of(run: Trajectory) -> Stress | None:
     body = max(known, key=lambda name: np.nanmax(known[name]))
     frame, node = map(int, np.unravel_index(np.nanargmax(known[body]), known[body].shape))
     largest, plain = float(known[body][frame, node]), "von_mises" in run.fields[body].at_nodes
-    path = f"/fields/{body}/at_nodes/von_mises/{frame_name(frame)}" if plain else ""
+    path = f"/fields/{body}/at_nodes/von_mises/{number_name(frame)}" if plain else ""
     when = f"at {run.frames.time[frame]:.4g} s, of the {len(run.frames.time)} frames kept"
     found = Stress(over_time, largest, body, frame, when, path, str(node) if plain else "")
     for output, of_body in _mises_outputs(run).items():

@@ -42,7 +42,7 @@ class Build:
     def read(cls, path: str | os.PathLike[str]) -> Build:
         """Read a file; raises `InputError` where it is no whole reduced model."""
         with open_file(path, "rom") as file:
-            return cls(RunRecord.read(file), Selection.read(file))
+            return cls(RunRecord.read(file), Selection.found_in(file))
 
 
 READERS = {

@@ -5,32 +5,15 @@
 An effect's work is the loss of its potential energy, if it has one, and the integral over time of its other power,
 taken by the trapezoidal rule over the steps: the residual falls with the square of the step, and so does the scheme's
 numerical damping, which is part of it.
-
-Layout within a trajectory file:
-
-============================= ========== ===========================================================================
-dataset                       shape      content
-============================= ========== ===========================================================================
-``/energy/kinetic``           (n_t)      J
-``/energy/strain``            (n_t)      J
-``/energy/potential``         (n_t)      of weights, springs and stops, J
-``/energy/residual``          (n_t)      J; attribute ``exchanged``: the most that was moved around at any time, J
-``/work/<effect>``            (n_t)      work done by each effect since the start, J
-============================= ========== ===========================================================================
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, take_named
-from pgmp_petsc.runtime.files import put, take
-
-if TYPE_CHECKING:
-    import h5py
+from pgmp_petsc.declare.records import Record, array, derived
 
 #: What an ensemble keeps of the balance of every sample: name, unit and description.
 BALANCE = {
@@ -38,29 +21,34 @@ BALANCE = {
     "exchanged": ("J", "the most energy that was moved around at any time"),
 }
 
+BALANCE_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) in BALANCE.items()}
 RESOLVED = 8  # steps that a change of energy takes at least; faster ones are what a balance is to show
 
 
+def _energy(name: str, about: str) -> np.ndarray:
+    return array("time", unit="J", about=about, at=f"energy/{name}", gaps=True, label=f"energy.{name}")
+
+
 @dataclass(frozen=True)
-class Balance:
-    """The balance of energy of one run.
+class Balance(Record):
+    """The balance of energy of one run."""
 
-    Attributes
-    ----------
-    kinetic, strain, potential
-        Shape (n_t,), J.
-    work
-        Work of each effect since the start, by its name, shape (n_t,), J.
-    """
-
-    kinetic: np.ndarray
-    strain: np.ndarray
-    potential: np.ndarray
-    work: dict[str, np.ndarray]
-
-    def __post_init__(self) -> None:
-        for name, values in {"strain": self.strain, "potential": self.potential, **self.work}.items():
-            check_shape(f"energy '{name}'", values, self.kinetic.shape)
+    kinetic: np.ndarray = _energy("kinetic", "kinetic energy")
+    strain: np.ndarray = _energy("strain", "strain energy")
+    potential: np.ndarray = _energy("potential", "potential energy of weights, springs and stops")
+    work: dict[str, np.ndarray] = array(
+        "time", unit="J", about="work of effect '{name}' since the start", gaps=True, label="work.{name}"
+    )
+    FURTHER = (
+        derived(
+            np.ndarray, lambda own, _: own.residual, "energy/residual", "time", unit="J",
+            about="gain of kinetic and strain energy less the effects' work", label="energy.residual", gaps=True,
+        ),
+        derived(
+            float, lambda own, _: own.exchanged, "energy/residual@exchanged", unit="J",
+            about="the most energy that was moved around at any time",
+        ),
+    )  # fmt: skip
 
     @property
     def residual(self) -> np.ndarray:
@@ -85,23 +73,3 @@ class Balance:
         for k in outer[1:][np.diff(side[outer]) != 0]:
             changes[k], last = k - last >= RESOLVED, k
         return np.cumsum(changes)
-
-    def write(self, file: h5py.File) -> None:
-        """Write the groups ``energy`` and ``work``."""
-        put(file, "energy/kinetic", self.kinetic, "J", "kinetic energy")
-        put(file, "energy/strain", self.strain, "J", "strain energy")
-        put(file, "energy/potential", self.potential, "J", "potential energy of weights, springs and stops")
-        residual = put(
-            file, "energy/residual", self.residual, "J", "gain of kinetic and strain energy less the effects' work"
-        )
-        residual.attrs["exchanged"] = self.exchanged
-        for name, done in self.work.items():
-            put(file.require_group("work"), name, done, "J", f"work of effect '{name}' since the start")
-
-    @classmethod
-    def read(cls, file: h5py.File) -> Balance | None:
-        """Read what `write` wrote; None where there is nothing."""
-        if "energy" not in file:
-            return None
-        parts = (take(file, f"energy/{name}", 1) for name in ("kinetic", "strain", "potential"))
-        return cls(*parts, take_named(file, "work", 1) if "work" in file else {})

@@ -1,31 +1,5 @@
 """Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them.
 
-Layout of the file (kind ``sensitivities``; root attributes ``parameters_differentiated`` (JSON, the names, in the order
-of the axis n_parameters) and ``steps_divided`` as of trajectories):
-
-==================================== ================ ================================================================
-dataset                              shape            content
-==================================== ================ ================================================================
-``/time``                            (n_t)            s
-``/outputs/<name>``                  (n_t)            the scene's outputs
-``/derivatives/<output>/<parameter>`` (n_t)           derivative of the output at every instant with the parameter
-``/changes/<parameter>``             ()               change of the parameter that effects are told of: one standard
-                                                      deviation, or where it has no distribution 1 % of its value;
-                                                      attribute ``what`` says which
-``/correlation``                     (n_parameters,   of the parameters' normal variables; zero where one has no
-                                     n_parameters)    distribution
-``/extremes/<output>/max``, ``min``  ()               largest and smallest value over the run, at an instant of a step
-``.../time_of_max``, ``time_of_min`` ()               s
-``.../max_derivatives``,             (n_parameters)   their derivatives: those of the vertex of the parabola through
-``.../min_derivatives``                               the values there and at the instants before and after it
-``/contacts/effects``                (n_contacts)     names of the end stops that are met and left, in order of time;
-                                                      the group is there if any is
-``.../time``, ``.../met``            (n_contacts)     s; 1 where it is met, 0 where it is left
-``.../turning``                      (n_contacts)     within which time the path would turn back there, s
-``.../derivatives``                  (n_contacts,     of the instants with the parameters, s per unit
-                                     n_parameters)
-==================================== ================ ================================================================
-
 The largest or smallest value of a smooth history that is known at instants, with its derivatives.
 
 The largest of the values themselves, ``y_k``, is that of one instant, and its derivative that of the history there. But
@@ -44,15 +18,28 @@ of second order in the step for the extreme of the history.
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, take_known, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.declare.records import (
+    FLAGS,
+    Context,
+    Record,
+    Result,
+    array,
+    attribute,
+    check_known,
+    derived,
+    run_record,
+    units_of,
+)
+from pgmp_petsc.runtime.files import RunRecord, take
+
+if TYPE_CHECKING:
+    import h5py
 
 KIND = "sensitivities"
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
@@ -79,75 +66,95 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Instants:
-    """Instants at which end stops are met and left.
+class Instants(Record):
+    """Instants at which end stops are met and left, in order of time."""
 
-    Attributes
-    ----------
-    effects
-        Names of the stops.
-    met
-        Whether each is met, or left, shape (n_contacts,).
-    time, turning
-        When, and within which time the path would turn back there, s, shape (n_contacts,).
-    derivatives
-        Of the times with the parameters, shape (n_contacts, n_parameters), s per unit.
-    """
+    effects: tuple[str, ...] = array("contact", about="end stops that are met and left")
+    met: np.ndarray = array("contact", about="1 where it is met, 0 where it is left", stored=int, code=FLAGS)
+    time: np.ndarray = array("contact", unit="s", about="when")
+    turning: np.ndarray = array("contact", unit="s", about="within which time the path would turn back there")
+    derivatives: np.ndarray = array("contact", "parameter", unit="{units}", about="of the instants with the parameters")
 
-    effects: tuple[str, ...]
-    met: np.ndarray
-    time: np.ndarray
-    turning: np.ndarray
-    derivatives: np.ndarray
+
+def _extremes(figure: int, value: Callable[[Figure], Any], at: str, *sizes: str, **how: Any) -> tuple[Any, Any]:
+    """Declare what is known of the largest or the smallest value of every output."""
+
+    def of(own: Derivatives, _: Context) -> dict[str, Any]:
+        return {name: value(list(own.figures(name))[figure]) for name in own.outputs}
+
+    return derived(
+        dict[str, np.ndarray], of, f"extremes/{{key}}/{at}", *sizes, **how,
+        words=lambda own, name, _: {"units": ", ".join(own.unit(name, other) for other in own.changes)},
+    )  # fmt: skip
+
+
+def _changes(group: h5py.Group, _: dict[str, Any]) -> dict[str, tuple[float, str]]:
+    names = json.loads(group.attrs["parameters_differentiated"])
+    values = {name: check_known(group, f"changes/{name}", take(group, f"changes/{name}", 0)) for name in names}
+    return {name: (float(value), str(group[f"changes/{name}"].attrs["what"])) for name, value in values.items()}
 
 
 @dataclass(frozen=True)
-class Derivatives:
+class Derivatives(Result):
     """Derivatives of one run.
 
-    Parameters
-    ----------
-    record : RunRecord
-    time : ndarray, shape (n_t,)
-        s.
-    outputs : dict of str to ndarray, shape (n_t,)
-    derivatives : dict of str to dict of str to ndarray, shape (n_t,)
-        By output and parameter.
-    units : dict of str to str
-        Of outputs and parameters.
-    changes : dict of str to (float, str)
-        Change of each parameter that effects are told of, and whether it is `DEVIATION` or `PERCENT`.
-    correlation : ndarray, shape (n_parameters, n_parameters)
-        Of the parameters; zero where one has no distribution.
-    steps_divided : int
-        By what the scene's step was divided.
-    contacts : Instants or None
-        Of contacts with end stops; None where there are none.
+    `changes` has of each parameter the change that effects are told of, and whether that is `DEVIATION` or `PERCENT`;
+    `correlation` is zero where a parameter has no distribution, and `contacts` None where no end stop is met.
     """
 
-    record: RunRecord
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
-    derivatives: dict[str, dict[str, np.ndarray]]
-    units: dict[str, str]
-    changes: dict[str, tuple[float, str]]
-    correlation: np.ndarray
-    steps_divided: int = 1
-    contacts: Instants | None = None
+    kind = KIND
+    record: RunRecord = run_record()
+    time: np.ndarray = array("time", unit="s", about="time", label="time", is_axis=True)
+    outputs: dict[str, np.ndarray] = array(
+        "time", unit="{unit}", about="output '{name}' over time", ordered=True, label="{name}"
+    )
+    derivatives: dict[str, dict[str, np.ndarray]] = array(
+        "time", unit="{unit}", about="derivative of '{outer}' with '{name}'", ordered=True,
+        label="derivative.{outer}.{name}",
+        words=lambda own, name, at: {"unit": own.unit(at.words.get("name", ""), name)},
+    )  # fmt: skip
+    units: dict[str, str] = units_of("outputs", "changes")
+    changes: dict[str, tuple[float, str]] = array("parameter", found=_changes)
+    correlation: np.ndarray = array("parameter", "parameter", about="correlation of the parameters")
+    steps_divided: int = attribute("@steps_divided", default=1, about="by what simulation.step was divided")
+    contacts: Instants | None = array(
+        absent=None, words=lambda own, *_: {"units": ", ".join(f"s/({own.units.get(n, '1')})" for n in own.changes)}
+    )
+    FURTHER = (
+        derived(
+            tuple[str, ...], lambda own, _: json.dumps(own.parameters), "@parameters_differentiated", "parameter",
+            about="names of the parameters (JSON)",
+        ),
+        derived(
+            dict[str, float], lambda own, _: {name: change for name, (change, _) in own.changes.items()},
+            "changes/{key}", unit="{unit}", about="{what} of '{name}'", label="change.{name}",
+            words=lambda own, name, _: {"what": own.changes[name][1]},
+        ),
+        derived(
+            dict[str, str], lambda own, _: {name: what for name, (_, what) in own.changes.items()},
+            "changes/{key}@what", about="what change it is",
+        ),
+        *(
+            declaration
+            for number, (key, name) in enumerate((("max", "largest"), ("min", "smallest")), 1)
+            for declaration in (
+                _extremes(number, lambda one: one.value, key, unit="{unit}", about=f"{name} value of '{{name}}'"),
+                _extremes(number, lambda one: one.time, f"time_of_{key}", unit="s", about=f"when it is the {name}"),
+                _extremes(
+                    number, lambda one: one.derivatives, f"{key}_derivatives", "parameter", unit="{units}",
+                    about=f"derivatives of the {name} value of '{{name}}' with the parameters",
+                ),
+            )
+        ),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
-        check_shape("time", self.time, (None,))
         if not self.outputs:
             raise ValueError("there are no outputs")
-        check_shape("correlation", self.correlation, (len(self.changes),) * 2)
-        for output, values in self.outputs.items():
-            check_shape(f"output '{output}'", values, (len(self.time),))
+        for output in self.outputs:
             if self.derivatives[output].keys() != self.changes.keys():
                 raise ValueError(f"derivatives of '{output}' are not with the parameters of the run")
-            for name, found in self.derivatives[output].items():
-                check_shape(f"derivative of '{output}' with '{name}'", found, (len(self.time),))
-        if self.contacts is not None:
-            check_shape("contacts", self.contacts.derivatives, (len(self.contacts.effects), len(self.changes)))
+        super().__post_init__()
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -176,74 +183,6 @@ class Derivatives:
         places = ("at the end", Vertex(-1, 0.0)), ("largest", vertex(values, 1.0)), ("smallest", vertex(values, -1.0))
         for name, place in places:
             yield Figure(name, float(values[place.at]), float(self.time[place.at]), place.of(rows))
-
-    def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {"parameters_differentiated": json.dumps(self.parameters), "steps_divided": self.steps_divided}
-        with write_file(path, KIND, attributes) as file:
-            self.record.write(file)
-            put(file, "time", self.time, "s", "time")
-            put_named(file, "outputs", self.outputs, self.units, "output '{name}' over time")
-            put(file, "correlation", self.correlation, "1", "correlation of the parameters")
-            for name, (change, what) in self.changes.items():
-                data = put(file, f"changes/{name}", change, self.units.get(name, "1"), f"{what} of '{name}'")
-                data.attrs["what"] = what
-            for output, found in self.derivatives.items():
-                units = {name: self.unit(output, name) for name in found}
-                put_named(file, f"derivatives/{output}", found, units, f"derivative of '{output}' with '{{name}}'")
-                unit = self.units.get(output, "1")
-                for key, figure in zip(("max", "min"), list(self.figures(output))[1:]):
-                    of = f"{figure.name} value of '{output}'"
-                    put(file, f"extremes/{output}/{key}", figure.value, unit, of)
-                    put(file, f"extremes/{output}/time_of_{key}", figure.time, "s", f"when it is the {figure.name}")
-                    put(
-                        file, f"extremes/{output}/{key}_derivatives", figure.derivatives,
-                        ", ".join(units.values()), f"derivatives of the {of} with the parameters",
-                    )  # fmt: skip
-            if self.contacts is not None:
-                self._write_contacts(file.create_group("contacts"), self.contacts)
-
-    def _write_contacts(self, group: h5py.Group, contacts: Instants) -> None:
-        put(group, "effects", list(contacts.effects), "1", "end stops that are met and left")
-        put(group, "met", contacts.met.astype(int), "1", "1 where it is met, 0 where it is left")
-        put(group, "time", contacts.time, "s", "when")
-        put(group, "turning", contacts.turning, "s", "within which time the path would turn back there")
-        units = ", ".join(f"s/({self.units.get(name, '1')})" for name in self.parameters)
-        put(group, "derivatives", contacts.derivatives, units, "of the instants with the parameters")
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Derivatives:
-        """Read a file; raises `InputError` where it is not a whole one."""
-        with open_file(path, KIND) as file, shapes_of(file):
-            outputs = take_named(file, "outputs", 1, take_known)
-            names = json.loads(file.attrs["parameters_differentiated"])
-            changes = {}
-            for name in names:
-                what = str(file[f"changes/{name}"].attrs["what"])
-                changes[name] = float(take_known(file, f"changes/{name}", 0)), what
-            found = {output: take_named(file, f"derivatives/{output}", 1, take_known) for output in outputs}
-            return cls(
-                RunRecord.read(file),
-                take_known(file, "time", 1),
-                outputs,
-                {output: {name: found[output][name] for name in names} for output in outputs},
-                units_of(file, "outputs", "changes"),
-                changes,
-                take_known(file, "correlation", 2),
-                int(file.attrs["steps_divided"]),
-                _contacts_of(file["contacts"]) if "contacts" in file else None,
-            )
-
-
-def _contacts_of(group: h5py.Group) -> Instants:
-    """Read the contacts of a file."""
-    return Instants(
-        tuple(name.decode() for name in take(group, "effects", 1, texts=True)),
-        take(group, "met", 1).astype(bool),
-        take_known(group, "time", 1),
-        take_known(group, "turning", 1),
-        take_known(group, "derivatives", 2),
-    )
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,5 @@
-"""Sizes of effects, as estimated before a build: what to keep and what to leave.
-
-In a reduced model whose effects were chosen (``effects = "auto"``) they are the group ``effects``: ``shares`` (n), with
-the attributes ``tolerance``, ``exchanged`` (J), ``names``, ``kinds``, ``keeps``, ``measures``, ``speeds`` (rad/s) and
-``warnings``, all JSON.
+"""Sizes of effects, as estimated before a build: what to keep and what to leave; of a reduced model whose effects were
+chosen (``effects = "auto"``).
 
 The assembled mechanism as it stands at the start: what a picture of a scene needs.
 """
@@ -12,59 +9,43 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-import h5py
 import numpy as np
 
+from pgmp_petsc.declare.records import JSON, Record, array, attribute
 from pgmp_petsc.results.trajectory import Frames
-from pgmp_petsc.runtime.files import put, take
 
 
 @dataclass(frozen=True)
-class EffectSize:
-    """The size of one effect.
+class EffectSize(Record):
+    """The size of one effect; its name in the scene, "" if the scene does not have it."""
 
-    Attributes
-    ----------
-    name
-        Name in the scene, or "" if the scene does not have it.
-    kind
-        Type of the effect.
-    share
-        Its size as a share, NaN where only a threshold can be given.
-    keeps
-        Whether it exceeds the tolerance, or is what the scene is about.
-    measure
-        What the share is a share of, or from which number on the effect would matter.
-    """
-
-    name: str
-    kind: str
-    share: float
-    keeps: bool
-    measure: str
+    name: str = attribute("shares@names", about="names in the scene (JSON)")
+    kind: str = attribute("shares@kinds", about="types of the effects (JSON)")
+    share: float = array(
+        at="shares", about="size of each effect as a share, NaN where only a threshold is known", gaps=True
+    )
+    keeps: bool = attribute(
+        "shares@keeps", code=(bool, bool), about="whether it is above the tolerance, or what the scene is about (JSON)"
+    )
+    measure: str = attribute(
+        "shares@measures", about="what the share is of, or from which number on the effect would matter (JSON)"
+    )
 
 
 @dataclass(frozen=True)
-class EffectSizes:
-    """The sizes of all effects of a scene.
+class EffectSizes(Record):
+    """The sizes of all effects of a scene, those of the scene first."""
 
-    Attributes
-    ----------
-    tolerance
-        Share above which an effect matters.
-    sizes
-        Of every effect, those of the scene first.
-    largest_speed
-        Largest speed of each coordinate, rad/s, and `exchanged`: the energy moved around, J.
-    warnings
-        What the scene leaves out that exceeds the tolerance.
-    """
-
-    tolerance: float
-    sizes: tuple[EffectSize, ...]
-    largest_speed: dict[str, float]
-    exchanged: float
-    warnings: tuple[str, ...]
+    tolerance: float = attribute("effects/shares@tolerance", about="share above which an effect matters")
+    sizes: tuple[EffectSize, ...] = array("effect", at="effects")
+    largest_speed: dict[str, float] = attribute(
+        "effects/shares@speeds", code=JSON, about="largest speed of each coordinate, rad/s (JSON)"
+    )
+    exchanged: float = attribute("effects/shares@exchanged", unit="J", about="energy moved around")
+    warnings: tuple[str, ...] = attribute(
+        "effects/shares@warnings", code=(json.dumps, lambda text: tuple(json.loads(text))),
+        about="what the scene leaves out that exceeds the tolerance (JSON)",
+    )  # fmt: skip
 
     def lines(self) -> list[str]:
         """Return the report, line by line."""
@@ -80,43 +61,6 @@ class EffectSizes:
             name = f"{size.name} ({size.kind})" if size.name else f"({size.kind})"
             lines.append(f"    {name:38s} {share}  {verdict}  {size.measure}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
-
-    def write(self, file: h5py.File) -> None:
-        """Write the group ``effects``."""
-        shares = np.array([size.share for size in self.sizes])
-        data = put(
-            file, "effects/shares", shares, "1", "size of each effect as a share, NaN where only a threshold is known"
-        )
-        data.attrs["tolerance"], data.attrs["exchanged"] = self.tolerance, self.exchanged
-        lists = {
-            "names": [size.name for size in self.sizes],
-            "kinds": [size.kind for size in self.sizes],
-            "keeps": [bool(size.keeps) for size in self.sizes],
-            "measures": [size.measure for size in self.sizes],
-            "speeds": self.largest_speed,
-            "warnings": self.warnings,
-        }
-        for key, value in lists.items():
-            data.attrs[key] = json.dumps(value)
-
-    @classmethod
-    def read(cls, file: h5py.File) -> EffectSizes | None:
-        """Read what `write` wrote; None where there is nothing."""
-        if "effects/shares" not in file:
-            return None
-        shares, attributes = take(file, "effects/shares", 1), file["effects/shares"].attrs
-        columns = [json.loads(attributes[key]) for key in ("names", "kinds", "keeps", "measures")]
-        sizes = tuple(
-            EffectSize(name, kind, float(share), keeps, measure)
-            for share, name, kind, keeps, measure in zip(shares, *columns)
-        )
-        return cls(
-            float(attributes["tolerance"]),
-            sizes,
-            json.loads(attributes["speeds"]),
-            float(attributes["exchanged"]),
-            tuple(json.loads(attributes["warnings"])),
-        )
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,17 @@
 """Estimated errors of one run; and limits of what says how far a run left small deformations.
 
-Layout within the file of a trajectory:
-
-============================= ========== ======================================================================
-dataset                       shape      content
-============================= ========== ======================================================================
-``/errors/time``              (n_e)      instants of evaluation, s
-``/errors/<output>``          (n_e)      estimated error of the output: of a reduced run its output less that of the
-                                         full-order equations, with what the time step does wrong; of full-order and
-                                         component runs what the time step does wrong, up to the last of these
-                                         instants; attributes
-                                         ``maximum``, its largest size, and ``share``, that of the output's
-                                         largest size over the run; ``not_estimated``, why there is none
-============================= ========== ======================================================================
-
-NaN where there is no estimate.
+An error is, of a reduced run, its output less that of the full-order equations, with what the time step does wrong; of
+full-order and component runs what the time step does wrong. NaN where there is no estimate.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape
-from pgmp_petsc.runtime.files import put, take
+from pgmp_petsc.declare.records import Record, array, attribute, derived
 
-TIME, ABSENT = "time", "not_estimated"
 OF_REDUCED, OF_STEP = "reduced less full-order", "of the time step"
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
@@ -44,6 +28,7 @@ VALIDITY = {
     "stiffness_gained": ("1", "largest share by which forces in the bodies stiffen a mode"),
     "stiffness_lost": ("1", "largest share by which forces in the bodies soften a mode, negative; -1 is buckling"),
 }
+VALIDITY_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) in VALIDITY.items()}
 
 
 def limits_of(second_order: bool) -> dict[str, float]:
@@ -68,33 +53,33 @@ def beyond_limit(name: str, values: np.ndarray | float, second_order: bool = Fal
 
 
 @dataclass(frozen=True)
-class EstimatedErrors:
-    """Estimated errors of a run.
+class EstimatedErrors(Record):
+    """Estimated errors of a run."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (n_e,)
-        Instants of evaluation, s.
-    outputs : dict of str to ndarray, shape (n_e,)
-        Error of every output, in the output's unit.
-    largest : dict of str to float
-        Largest size of every output over the run, of which errors are a share.
-    what : str
-        What these errors are of (attribute ``what`` of the group): `OF_REDUCED` or `OF_STEP`.
-    absent : dict of str to str
-        Why outputs have no estimate, those that have none.
-    """
-
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
-    largest: dict[str, float]
-    what: str = OF_REDUCED
-    absent: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_shape("time of the errors", self.time, (None,))
-        for name, values in self.outputs.items():
-            check_shape(f"error of '{name}'", values, (len(self.time),))
+    time: np.ndarray = array(
+        "error_time", unit="s", about="instants at which the errors are estimated", label="error_time", is_axis=True
+    )
+    outputs: dict[str, np.ndarray] = array(
+        "error_time", at="", unit="{unit}", about="estimated error of output '{name}', {own.what}", gaps=True,
+        label="error.{name}",
+    )  # fmt: skip
+    largest: dict[str, float] = attribute(
+        "{key}@largest", names=lambda _, taken: taken["outputs"], about="largest size of the output over the run"
+    )
+    what: str = attribute("@what", absent=OF_REDUCED, about="what the errors are of")
+    absent: dict[str, str] = attribute(
+        "{key}@not_estimated", absent={}, names=lambda _, taken: taken["outputs"], about="why there is no estimate"
+    )
+    FURTHER = (
+        derived(
+            dict[str, float], lambda own, _: {name: own.maximum(name) for name in own.outputs}, "{key}@maximum",
+            about="its largest size",
+        ),
+        derived(
+            dict[str, float], lambda own, _: {name: own.share(name) for name in own.outputs}, "{key}@share",
+            about="that as a share of the output's largest size over the run",
+        ),
+    )  # fmt: skip
 
     def maximum(self, output: str) -> float:
         """Return the largest size of an output's error, in its unit; NaN where there is no estimate."""
@@ -109,30 +94,3 @@ class EstimatedErrors:
         """Return the largest error and the largest size of every output, as of an ensemble of one sample, (1,) each."""
         maxima, sizes = ({name: np.array([of(name)]) for name in self.outputs} for of in (self.maximum, self.largest.get))
         return maxima, sizes
-
-    def write(self, file: h5py.File, units: dict[str, str]) -> None:
-        """Write the group."""
-        group = file.create_group("errors", track_order=True)
-        group.attrs["what"] = self.what
-        put(group, TIME, self.time, "s", "instants at which the errors are estimated")
-        for name, values in self.outputs.items():
-            words = f"estimated error of output '{name}', {self.what}"
-            found = {"maximum": self.maximum(name), "share": self.share(name), "largest": self.largest[name]}
-            if name in self.absent:
-                found[ABSENT] = self.absent[name]
-            put(group, name, values, units.get(name, "1"), words).attrs.update(found)
-
-    @classmethod
-    def read(cls, file: h5py.File) -> EstimatedErrors | None:
-        """Read the group, None where there is none."""
-        if "errors" not in file:
-            return None
-        group = file["errors"]
-        names = [name for name in group if name != TIME]
-        return cls(
-            time=take(group, TIME, 1),
-            outputs={name: take(group, name, 1) for name in names},
-            largest={name: float(group[name].attrs["largest"]) for name in names},
-            what=str(group.attrs.get("what", OF_REDUCED)),  # files of earlier versions have those of reduced runs
-            absent={name: str(group[name].attrs[ABSENT]) for name in names if ABSENT in group[name].attrs},
-        )

@@ -12,12 +12,5 @@ from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.results.trajectory import Trajectory
 
 READERS = {
-    "modes": ModesTable,
-    "trajectory": Trajectory,
-    "ensemble": Ensemble,
-    "tradeoff": Tradeoff,
-    "sensitivities": Derivatives,
-    "fit": Fit,
-    "design": Design,
-    "rare_event": RareEvent,
+    kind.kind: kind for kind in (ModesTable, Trajectory, Ensemble, Tradeoff, Derivatives, Fit, Design, RareEvent)
 }

@@ -4,58 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
 
-import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape
-from pgmp_petsc.runtime.files import put, take
+from pgmp_petsc.declare.records import FLAGS, Record, array, attribute
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+_UNIT = "as attribute units"
 
 
 @dataclass(frozen=True)
-class Stopping:
-    """What was seen at every look, and why the last one was the last.
+class Stopping(Record):
+    """What was seen at every look, and why the last one was the last; without rules a budget alone decided."""
 
-    Parameters
-    ----------
-    why : str
-        In words.
-    budget : float or None
-        Wall time for the samples, s.
-    rules, units : tuple of str
-        Texts of the rules, and units of their figures; none where a budget alone decided.
-    wanted : ndarray, shape (n_rules,)
-        Half the width of the interval that is wanted, in the figure's unit, or as a share of it.
-    relative, met : ndarray of bool, shape (n_rules,)
-        Whether it is a share, and whether it was reached at the last look.
-    samples : ndarray of int, shape (n_looks,)
-        Number of samples at each look.
-    estimates : ndarray, shape (n_rules, n_looks)
-    intervals : ndarray, shape (n_rules, n_looks, 2)
-        NaN where too little was known.
-    """
-
-    why: str
-    budget: float | None
-    rules: tuple[str, ...]
-    units: tuple[str, ...]
-    wanted: np.ndarray
-    relative: np.ndarray
-    met: np.ndarray
-    samples: np.ndarray
-    estimates: np.ndarray
-    intervals: np.ndarray
-
-    def __post_init__(self) -> None:
-        n_rules, n_looks = len(self.rules), len(self.samples)
-        for name in ("wanted", "relative", "met"):
-            check_shape(name, getattr(self, name), (n_rules,))
-        check_shape("estimates", self.estimates, (n_rules, n_looks))
-        check_shape("intervals", self.intervals, (n_rules, n_looks, 2))
+    why: str = attribute("@why", about="why it ended, in words")
+    budget: float | None = attribute("@budget", about="wall time for the samples, s; empty where there was none")
+    rules: tuple[str, ...] = attribute("@rules", "rule", about="texts of the rules")
+    units: tuple[str, ...] = attribute("@units", "rule", about="units of their figures")
+    wanted: np.ndarray = array(
+        "rule", unit=_UNIT, gaps=True,
+        about="half the width of its interval that each rule wants, a share of the figure where relative is 1",
+    )  # fmt: skip
+    relative: np.ndarray = array("rule", about="whether that is a share of the figure", stored=np.int32, code=FLAGS)
+    met: np.ndarray = array("rule", about="whether each rule was met at the last look", stored=np.int32, code=FLAGS)
+    samples: np.ndarray = array("look", about="number of samples at each look")
+    estimates: np.ndarray = array("rule", "look", unit=_UNIT, about="figure of each rule at each look", gaps=True)
+    intervals: np.ndarray = array(
+        "rule", "look", 2, unit=_UNIT, about="confidence interval of each rule's figure at each look", gaps=True
+    )
 
     @property
     def is_met(self) -> bool:
@@ -79,39 +54,6 @@ class Stopping:
             known = f"{estimate:.6g}{unit} [{ends[0]:.6g}, {ends[1]:.6g}], +- {reached}"
             yield f"  {text:40s} {'met' if met else 'NOT MET':8s}{known if np.isfinite(share) else 'not known yet'}"
 
-    def write(self, file: h5py.File) -> None:
-        """Write it into a group of its own."""
-        group = file.create_group("stopping")
-        group.attrs["why"] = self.why
-        group.attrs["budget"] = h5py.Empty("f8") if self.budget is None else self.budget
-        for name in ("rules", "units"):
-            group.attrs.create(name, list(getattr(self, name)), dtype=h5py.string_dtype())
-        put(group, "samples", self.samples, "1", "number of samples at each look")
-        about = "half the width of its interval that each rule wants, a share of the figure where relative is 1"
-        put(group, "wanted", self.wanted, "as attribute units", about)
-        put(group, "relative", self.relative.astype(np.int32), "1", "whether that is a share of the figure")
-        put(group, "met", self.met.astype(np.int32), "1", "whether each rule was met at the last look")
-        put(group, "estimates", self.estimates, "as attribute units", "figure of each rule at each look")
-        about = "confidence interval of each rule's figure at each look"
-        put(group, "intervals", self.intervals, "as attribute units", about)
-
-    @classmethod
-    def read(cls, group: h5py.Group) -> Self:
-        """Read what `write` wrote."""
-        budget = group.attrs["budget"]
-        texts = {name: tuple(str(text) for text in group.attrs[name]) for name in ("rules", "units")}
-        flags = {name: take(group, name, 1).astype(bool) for name in ("relative", "met")}
-        return cls(
-            why=str(group.attrs["why"]),
-            budget=None if isinstance(budget, h5py.Empty) else float(budget),
-            **texts,
-            **flags,
-            wanted=take(group, "wanted", 1),
-            samples=take(group, "samples", 1),
-            estimates=take(group, "estimates", 2),
-            intervals=take(group, "intervals", 3),
-        )
-
 
 def reach_of(estimates: np.ndarray, intervals: np.ndarray, relative: np.ndarray | bool) -> np.ndarray:
     """Return half the widths of intervals (..., 2), as a share of the size of their figures (...) where relative."""
@@ -119,8 +61,3 @@ def reach_of(estimates: np.ndarray, intervals: np.ndarray, relative: np.ndarray 
         half = 0.5 * (intervals[..., 1] - intervals[..., 0])
         reach = np.where(relative, half / np.abs(estimates), half)
     return np.where(np.isfinite(reach), reach, np.inf)
-
-
-def read_stopping(file: Mapping) -> Stopping | None:
-    """Return what a file says; None where its ensemble had as many samples as were asked for."""
-    return Stopping.read(file["stopping"]) if "stopping" in file else None

@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from pgmp_petsc.results.trajectory import Trajectory
     from pgmp_petsc.runtime.files import RunRecord
 
-# kinds whose figures are all that the file holds, but for samples one by one. By the names of their classes: who has
-# a result of one kind need not load the others
+# kinds whose figures are all that the file has, but for samples one by one
 WHOLE = {
-    "Derivatives": ("sensitivities", ()),
-    "Fit": ("fit", ()),
-    "Design": ("design", ()),
-    "RareEvent": ("rare_event", ("names", "normal", "value", "weight", "status", "parameters", "curve")),
+    "sensitivities": (),
+    "fit": (),
+    "design": (),
+    "rare_event": ("names", "normal", "value", "weight", "status", "parameters", "curve"),
 }
 
 
@@ -61,21 +60,14 @@ def plain(data: object) -> Any:
 
 def summary_of(result: object) -> dict[str, Any]:
     """Return the figures of a result, and where it comes from."""
-    name = type(result).__name__
-    if name in WHOLE:
-        kind, left_out = WHOLE[name]
-        own = {item.name: getattr(result, item.name) for item in fields(result) if item.name not in left_out}
-        return {**own, "kind": kind, **origin_of(own.pop("record"))}
-    summaries = {
-        "Trajectory": _run,
-        "Ensemble": _ensemble,
-        "Tradeoff": _study,
-        "ModesTable": _modes,
-        "ShardSamples": _shard,
-    }
-    if name not in summaries:
-        raise TypeError(f"no figures of {name}")
-    return {**summaries[name](result), **origin_of(result.record)}
+    kind = getattr(result, "kind", "")
+    summaries = {"trajectory": _run, "ensemble": _ensemble, "tradeoff": _study, "modes": _modes, "shard": _shard}
+    if kind in summaries:
+        return {"kind": kind, **summaries[kind](result), **origin_of(result.record)}
+    if kind not in WHOLE:
+        raise TypeError(f"no figures of {type(result).__name__}")
+    own = {item.name: getattr(result, item.name) for item in fields(result) if item.name not in WHOLE[kind]}
+    return {**own, "kind": kind, **origin_of(own.pop("record"))}
 
 
 def origin_of(record: RunRecord) -> dict[str, Any]:
@@ -97,7 +89,7 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
 def _shard(shard: ShardSamples) -> dict[str, Any]:
     place = shard.place
     ends = {"first": place.first, "last": place.first + len(shard.status) - 1, "of": place.n_samples}
-    return {"kind": "shard", "model": shard.model, "shard": f"{place.number}/{place.count}", **ends}
+    return {"model": shard.model, "shard": f"{place.number}/{place.count}", **ends}
 
 
 def _run(run: Trajectory) -> dict[str, Any]:
@@ -114,7 +106,6 @@ def _run(run: Trajectory) -> dict[str, Any]:
         }
     errors, balance = run.errors, run.balance
     return {
-        "kind": "trajectory",
         "model": run.model,
         "status": run.status,
         "why_stopped": run.why_stopped or None,
@@ -122,19 +113,21 @@ def _run(run: Trajectory) -> dict[str, Any]:
         "steps": len(run.time) - 1,
         "steps_divided": run.steps_divided,
         "outputs": outputs,
-        "errors": None
-        if errors is None
-        else {
-            name: {"maximum": errors.maximum(name), "share": errors.share(name)}
-            | ({"not_estimated": errors.absent[name]} if name in errors.absent else {})
-            for name in errors.outputs
-        },
+        "errors": (
+            None
+            if errors is None
+            else {
+                name: {"maximum": errors.maximum(name), "share": errors.share(name)}
+                | ({"not_estimated": errors.absent[name]} if name in errors.absent else {})
+                for name in errors.outputs
+            }
+        ),
         "errors_of": None if errors is None else errors.what,
         "errors_until": None if errors is None else errors.time[-1],
         "validity": run.validity,
-        "balance": None
-        if balance is None
-        else {"residual": np.abs(balance.residual).max(), "exchanged": balance.exchanged},
+        "balance": (
+            None if balance is None else {"residual": np.abs(balance.residual).max(), "exchanged": balance.exchanged}
+        ),
     }
 
 
@@ -146,7 +139,6 @@ def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
         found = {"median": np.median(known), "largest": known.max()} if known.size else {}
         errors[name] = {"unit": units.get(name, "1"), "samples": known.size, **found}
     return {
-        "kind": "ensemble",
         "model": ensemble.model,
         "samples": len(status),
         "failed": int(np.count_nonzero(status)),
@@ -238,7 +230,6 @@ def _statistics(s: Statistics) -> dict[str, Any]:
 
 def _study(study: Tradeoff) -> dict[str, Any]:
     return {
-        "kind": "tradeoff",
         "samples": study.samples,
         "reference": study.reference,
         "settings": [
@@ -260,7 +251,6 @@ def _study(study: Tradeoff) -> dict[str, Any]:
 def _modes(table: ModesTable) -> dict[str, Any]:
     tables = {"full": table.full_hz, "reduced": table.reduced_hz}
     return {
-        "kind": "modes",
         "configurations": len(table.full_hz),
         **{
             f"{name}_frequencies_hz": {"min": values.min(axis=0), "max": values.max(axis=0)}

@@ -47,10 +47,10 @@ def columns_of(result: Any) -> Columns:
     TypeError
         If it is something else.
     """
-    name = type(result).__name__
-    if name not in _COLUMNS:
-        raise TypeError(f"{name} has no table")
-    return _COLUMNS[name](result)
+    kind = getattr(result, "kind", "")
+    if kind not in _COLUMNS:
+        raise TypeError(f"{type(result).__name__} has no table")
+    return _COLUMNS[kind](result)
 
 
 def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = None) -> str:
@@ -131,13 +131,12 @@ def _of_derivatives(found: Derivatives) -> Columns:
     return columns
 
 
-# by the names of the classes, so that who has a result of one kind need not load the others
 _COLUMNS: dict[str, Callable[[Any], Columns]] = {
-    "Trajectory": _of_run,
-    "Ensemble": _of_ensemble,
-    "ModesTable": _of_modes,
-    "Tradeoff": _of_study,
-    "Derivatives": _of_derivatives,
+    "trajectory": _of_run,
+    "ensemble": _of_ensemble,
+    "modes": _of_modes,
+    "tradeoff": _of_study,
+    "sensitivities": _of_derivatives,
 }
 
 

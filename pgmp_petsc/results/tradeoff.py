@@ -1,58 +1,19 @@
 """What accuracy costs: errors and times of many settings of all models, and of response surfaces.
 
-Layout of the file (kind ``tradeoff``; root attributes ``batch``: samples that were timed together, ``repeats``: how
-often each time was taken, the least is kept, ``waiting``: wall time over processor time of these runs, ``samples``:
-number of samples that the advice is for, ``quick``: whether fewer settings were measured, ``reference_model``: ``full``
-or ``components``, which errors are against, ``reference``: why, and how far it is from the mesh, and
-``rigid_coordinates``, their number):
-
-=============================== ========================= ==========================================================
-dataset                         shape                     content
-=============================== ========================= ==========================================================
-``/settings/family``            (n)                       ``reduced``, ``components``, ``full`` (the mesh) or
-                                                          ``surface`` (response surface)
-``/settings/<column>``          (n)                       what was set: ``step`` (s), ``refinement`` (parts that every
-                                                          cell of the scene's meshes is cut into), ``nodes`` of a
-                                                          surface, ``component_modes`` that bodies in floating frames
-                                                          serve, and every entry of the scene's [reduction]; 0, false or
-                                                          empty where it has no meaning; ``coordinates``: unknowns;
-                                                          ``cosine`` between neighbouring spaces of modes, the smallest
-``/settings/flags``             (n)                       options of ``pgmp`` that turn the scene into the setting
-``/settings/reason``            (n)                       why it failed, or was too dear for more than its times; empty
-                                                          where it has errors
-``/errors``                     (n, n_outputs)            largest error over time and test values, as a share of the
-                                                          output's largest value; NaN where the setting failed;
-                                                          attribute ``names`` (JSON): the outputs
-``/offline``                    (n)                       wall time before the first sample, s
-``/online/batch``               (n)                       wall time a sample, in a batch, s
-``/online/single``              (n)                       wall time of one sample alone, s
-``/processor/<time>``           (n)                       the same three, processor time of the one serial process, s
-``/pareto``                     (n, n_outputs)            1 where no setting of its family is both cheaper online and
-                                                          more accurate
-``/parameters/<name>``          (n_test)                  test values
-``/reference/refinement``       (n_references)            a reference for every mesh that settings were run on
-``/reference/step``             (n_references)            its last step, s
-``/reference/moved``            (n_references, n_outputs) by how much the last halving of the step moved it
-``/reference/reason``           (n_references)            why it was not refined further
-``/mesh/refinement``, ``cells`` (n_meshes)                meshes that were compared, all with the scene's step; none of
-                                                          continuum cells
-``/mesh/errors``                (n_meshes, n_outputs)     difference to the finest of them, 0 for that
-``/advice``                     (n_sentences)             which setting to take
-=============================== ========================= ==========================================================
+Every setting is measured by one serial process; of several times the least is kept. Columns of settings are 0, false or
+empty where they have no meaning, numbers NaN where a setting failed.
 """
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.declare.records import JSON, Record, Result, array, attribute, derived, run_record, units_of
+from pgmp_petsc.runtime.files import RunRecord, take
 
 FAMILIES = ("reduced", "components", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
@@ -61,145 +22,127 @@ _NEEDED = (
     "angles", "component_modes", "coordinates", "inertia_modes", "interpolation", "modes", "nodes", "parameter_modes",
     "refinement", "second_order", "static_modes", "step",
 )  # fmt: skip
-_ATTRIBUTES = {
-    "batch": int, "repeats": int, "samples": int, "quick": bool, "waiting": float, "reference": str,
-    "reference_model": str, "rigid_coordinates": int,
-}  # fmt: skip
-_COLUMN_UNITS = {"step": "s"}
-_CLOCKS = {
-    "wall": ("offline", "online/batch", "online/single"),
-    "processor": ("processor/offline", "processor/batch", "processor/single"),
+_PLACES = {
+    "wall": {"offline": "offline", "batch": "online/batch", "single": "online/single"},
+    "processor": {name: f"processor/{name}" for name in ("offline", "batch", "single")},
 }
+_TIMES = {
+    "offline": "before the first sample",
+    "batch": "a sample, {own.batch} together",
+    "single": "of one sample alone",
+}
+_SHARE = "as a share of the output's largest value"
 
 
 @dataclass(frozen=True)
-class References:
-    """The converged full-order runs that errors are measured against, one for every mesh.
+class References(Record):
+    """The converged full-order runs that errors are measured against, one for every mesh."""
 
-    Parameters
-    ----------
-    refinement : ndarray of int, shape (n_references,)
-        Parts that every cell of the scene's meshes is cut into.
-    step : ndarray, shape (n_references,)
-        Last step, s.
-    moved : ndarray, shape (n_references, n_outputs)
-        Change at the last halving of the step, as a share of the output's largest value.
-    reason : tuple of str
-        Why the step was not halved again.
-    """
-
-    refinement: np.ndarray
-    step: np.ndarray
-    moved: np.ndarray
-    reason: tuple[str, ...]
+    refinement: np.ndarray = array("mesh", about="parts of every cell")
+    step: np.ndarray = array("mesh", unit="s", about="last step of the reference", gaps=True)
+    moved: np.ndarray = array("mesh", "output", about="change at the last halving of the step", gaps=True)
+    reason: tuple[str, ...] = array("mesh", about="why it was not refined further")
 
 
 @dataclass(frozen=True)
-class MeshErrors:
-    """Discretisation errors: full-order runs on refined meshes.
+class MeshErrors(Record):
+    """Discretisation errors: full-order runs on refined meshes, all with the scene's step; none of continuum cells."""
 
-    Parameters
-    ----------
-    refinement, cells : ndarray of int, shape (n_meshes,)
-        Parts of every cell, rising, and the number of cells of all bodies.
-    errors : ndarray, shape (n_meshes, n_outputs)
-        Difference to the finest mesh, as a share of the output's largest value.
-    """
-
-    refinement: np.ndarray
-    cells: np.ndarray
-    errors: np.ndarray
+    refinement: np.ndarray = array("refined", about="parts of every cell")
+    cells: np.ndarray = array("refined", about="cells of all bodies")
+    errors: np.ndarray = array("refined", "output", about="difference to the finest mesh", gaps=True)
 
 
 @dataclass(frozen=True)
-class Times:
-    """Times of n settings by one clock.
+class Times(Record):
+    """Times of settings by one clock: before the first sample, of a sample in a batch, and of one alone, s; NaN where
+    the setting failed."""
 
-    Parameters
-    ----------
-    offline, batch, single : ndarray, shape (n,)
-        Before the first sample, of a sample in a batch, and of one alone, s; NaN where the setting failed.
-    """
+    offline: np.ndarray = array("setting", unit="s", gaps=True)
+    batch: np.ndarray = array("setting", unit="s", gaps=True)
+    single: np.ndarray = array("setting", unit="s", gaps=True)
 
-    offline: np.ndarray
-    batch: np.ndarray
-    single: np.ndarray
+
+def _times(clock: str) -> Times:
+    return array(found=lambda file, _: Times(*(take(file, place, 1) for place in _PLACES[clock].values())))
+
+
+def _time(clock: str, name: str) -> Any:
+    return derived(
+        np.ndarray, lambda own, _: getattr(getattr(own, clock), name), _PLACES[clock][name], "setting", unit="s",
+        about=f"{clock} time {_TIMES[name]}", gaps=True,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Tradeoff:
-    """Errors and times of n settings.
+class Tradeoff(Result):
+    """Errors and times of n settings, of which the first is the scene's own.
 
-    Parameters
-    ----------
-    record : RunRecord
-    units : dict of str to str
-        Unit of every output, in the order of the columns of `errors`.
-    test_values : dict of str to ndarray, shape (n_test,)
-        Parameter values at which errors were measured; empty where the scene has no parameters.
-    parameter_units : dict of str to str
-    families : tuple of str
-        See :data:`FAMILIES`.
-    columns : dict of str to ndarray, shape (n,)
-        What was set; numbers, booleans or texts. The first setting is the scene's own.
-    flags, reasons : tuple of str
-        Options of ``pgmp``, and reasons of failure.
-    errors : ndarray, shape (n, n_outputs)
-    wall, processor : Times
-        By the clock on the wall, and processor times of the one serial process that measured a setting.
-    references : References
-    mesh : MeshErrors
-    batch, repeats : int
-        Samples timed together, and how often.
-    samples : int
-        Number of samples that the advice is for.
-    quick : bool
-        Whether fewer settings were measured.
-    waiting : float
-        Wall time over processor time of the timed runs; 1 on a quiet machine.
-    advice : tuple of str
-        Which setting to take; a line that begins with ``--`` holds options to paste.
-    reference, reference_model : str
-        What errors are against, and why; ``full`` for the mesh, or ``components``.
-    rigid_coordinates : int
-        Number of rigid coordinates.
+    Times are by the clock on the wall, and processor times of the one serial process that measured a setting. A line of
+    `advice` that begins with ``--`` has options to paste.
     """
 
-    record: RunRecord
-    units: dict[str, str]
-    test_values: dict[str, np.ndarray]
-    parameter_units: dict[str, str]
-    families: tuple[str, ...]
-    columns: dict[str, np.ndarray]
-    flags: tuple[str, ...]
-    reasons: tuple[str, ...]
-    errors: np.ndarray
-    wall: Times
-    processor: Times
-    references: References
-    mesh: MeshErrors
-    batch: int
-    repeats: int
-    samples: int = 1
-    quick: bool = False
-    waiting: float = 1.0
-    advice: tuple[str, ...] = ()
-    reference: str = ""
-    reference_model: str = "full"
-    rigid_coordinates: int = 1
+    kind = "tradeoff"
+    record: RunRecord = run_record()
+    units: dict[str, str] = attribute(
+        "errors@units", "output", code=JSON, about="units of the outputs, in the order of the columns (JSON)"
+    )
+    test_values: dict[str, np.ndarray] = array(
+        "test", at="parameters", unit="{unit}", about="test values of '{name}'", ordered=True,
+        words=lambda own, name, _: {"unit": own.parameter_units.get(name, "1")},
+    )  # fmt: skip
+    parameter_units: dict[str, str] = units_of("parameters")
+    families: tuple[str, ...] = array(
+        "setting", at="settings/family", about="reduced, component or full-order model, or response surface",
+        allowed=FAMILIES,
+    )  # fmt: skip
+    columns: dict[str, Any] = array(
+        "setting", at="settings", unit="{unit}", about="{column} of the setting", ordered=True, gaps=True,
+        words=lambda own, name, _: {"unit": "s" if name == "step" else "1", "column": name.replace("_", " ")},
+    )  # fmt: skip
+    flags: tuple[str, ...] = array(
+        "setting", at="settings/flags", about="options of pgmp that turn the scene into the setting"
+    )
+    reasons: tuple[str, ...] = array(
+        "setting", at="settings/reason", about="why the setting failed; empty where it did not"
+    )
+    errors: np.ndarray = array(
+        "setting", "output", about=f"largest error over time and test values, {_SHARE}", gaps=True
+    )
+    wall: Times = _times("wall")
+    processor: Times = _times("processor")
+    references: References = array(at="reference")
+    mesh: MeshErrors = array()
+    batch: int = attribute("@batch", about="samples that were timed together")
+    repeats: int = attribute("@repeats", about="how often each time was taken; the least is kept")
+    samples: int = attribute("@samples", default=1, about="number of samples that the advice is for")
+    quick: bool = attribute("@quick", default=False, about="whether fewer settings were measured")
+    waiting: float = attribute(
+        "@waiting", default=1.0, about="wall time over processor time of the timed runs; 1 on a quiet machine"
+    )
+    advice: tuple[str, ...] = array("sentence", about="which setting to take", default=())
+    reference: str = attribute("@reference", default="", about="why that, and how far it is from the mesh")
+    reference_model: str = attribute(
+        "@reference_model", default="full", about="what errors are against: full for the mesh, or components"
+    )
+    rigid_coordinates: int = attribute("@rigid_coordinates", default=1, about="number of rigid coordinates")
+    FURTHER = (
+        derived(
+            tuple[str, ...], lambda own, _: json.dumps(own.outputs), "errors@names", "output",
+            about="names of the outputs (JSON)",
+        ),
+        *(_time(clock, name) for clock in _PLACES for name in _TIMES),
+        derived(
+            np.ndarray, lambda own, _: own.pareto, "pareto", "setting", "output", stored=np.int8,
+            about="1 where none of its kind is cheaper and better",
+        ),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
-        n, n_outputs = len(self.families), len(self.units)
-        unknown = set(self.families) - set(FAMILIES)
-        if unknown:
-            raise ValueError(f"families {sorted(unknown)}; allowed: {', '.join(FAMILIES)}")
-        check_shape("errors", self.errors, (n, n_outputs))
-        for name, data in (*self.columns.items(), *vars(self.wall).items(), *vars(self.processor).items()):
-            check_shape(f"'{name}'", data, (n,))
-        for name, texts in (("flags", self.flags), ("reasons", self.reasons)):
-            check_shape(name, np.array(texts, dtype=object), (n,))
-        check_shape("moved", self.references.moved, (len(self.references.refinement), n_outputs))
-        check_shape("mesh errors", self.mesh.errors, (len(self.mesh.refinement), n_outputs))
+        super().__post_init__()
+        missing = set(_NEEDED) - self.columns.keys()
+        if missing:
+            raise ValueError(f"/settings lacks {', '.join(sorted(missing))}")
 
     @property
     def busy(self) -> bool:
@@ -286,74 +229,6 @@ class Tradeoff:
             words.append("0")
         return " + ".join([*words, str(n_parameter)] if n_parameter else words)
 
-    def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {name: getattr(self, name) for name in _ATTRIBUTES}
-        with write_file(path, "tradeoff", attributes) as file:
-            self.record.write(file)
-            settings = file.create_group("settings", track_order=True)
-            _put_texts(settings, "family", self.families, "reduced, component or full-order model, or response surface")
-            for name, values in self.columns.items():
-                about = f"{name.replace('_', ' ')} of the setting"
-                if values.dtype.kind in "OU":
-                    _put_texts(settings, name, values.tolist(), about)
-                else:
-                    put(settings, name, values, _COLUMN_UNITS.get(name, "1"), about)
-            _put_texts(settings, "flags", self.flags, "options of pgmp that turn the scene into the setting")
-            _put_texts(settings, "reason", self.reasons, "why the setting failed; empty where it did not")
-            about = "largest error over time and test values, as a share of the output's largest value"
-            errors = put(file, "errors", self.errors, "1", about)
-            errors.attrs["names"], errors.attrs["units"] = json.dumps(self.outputs), json.dumps(self.units)
-            for clock, places in _CLOCKS.items():
-                about = ("before the first sample", f"a sample, {self.batch} together", "of one sample alone")
-                for data, place, words in zip(vars(getattr(self, clock)).values(), places, about):
-                    put(file, place, data, "s", f"{clock} time {words}")
-            put(file, "pareto", self.pareto.astype(np.int8), "1", "1 where none of its kind is cheaper and better")
-            put_named(file, "parameters", self.test_values, self.parameter_units, "test values of '{name}'")
-            put(file, "reference/refinement", self.references.refinement, "1", "parts of every cell")
-            put(file, "reference/step", self.references.step, "s", "last step of the reference")
-            put(file, "reference/moved", self.references.moved, "1", "change at the last halving of the step")
-            _put_texts(file, "reference/reason", self.references.reason, "why it was not refined further")
-            put(file, "mesh/refinement", self.mesh.refinement, "1", "parts of every cell")
-            put(file, "mesh/cells", self.mesh.cells, "1", "cells of all bodies")
-            put(file, "mesh/errors", self.mesh.errors, "1", "difference to the finest mesh")
-            _put_texts(file, "advice", self.advice, "which setting to take")
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Tradeoff:
-        """Read a file; raises `InputError` where it is not a whole trade-off study."""
-        with open_file(path, "tradeoff") as file, shapes_of(file):
-            settings = file["settings"]
-            if not isinstance(settings, h5py.Group):  # a data set is gone through number by number
-                raise TypeError("'/settings' is no group")
-            names = [name for name in settings if name not in ("family", "flags", "reason")]
-            missing = set(_NEEDED) - set(names)
-            if missing:
-                raise KeyError(f"/settings lacks {', '.join(sorted(missing))}")
-            references = References(
-                take(file, "reference/refinement", 1),
-                take(file, "reference/step", 1),
-                take(file, "reference/moved", 2),
-                _take_texts(file, "reference/reason"),
-            )
-            mesh = (take(file, "mesh/refinement", 1), take(file, "mesh/cells", 1), take(file, "mesh/errors", 2))
-            return cls(
-                record=RunRecord.read(file),
-                units=json.loads(file["errors"].attrs["units"]),
-                test_values=take_named(file, "parameters", 1),
-                parameter_units=units_of(file, "parameters"),
-                families=_take_texts(settings, "family"),
-                columns={name: _take_column(settings, name) for name in names},
-                flags=_take_texts(settings, "flags"),
-                reasons=_take_texts(settings, "reason"),
-                errors=take(file, "errors", 2),
-                **{clock: Times(*(take(file, place, 1) for place in places)) for clock, places in _CLOCKS.items()},
-                references=references,
-                mesh=MeshErrors(*mesh),
-                **{name: kind(file.attrs[name]) for name, kind in _ATTRIBUTES.items()},
-                advice=_take_texts(file, "advice"),
-            )
-
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Return which points no other one dominates: is at most as dear and at most as wrong, and less of one of them.
@@ -367,18 +242,3 @@ def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     at_most = (cost[:, None] <= cost) & (error[:, None] <= error)
     less = (cost[:, None] < cost) | (error[:, None] < error)
     return known & ~np.any(at_most & less & known[:, None], axis=0)
-
-
-def _put_texts(group: h5py.Group, name: str, texts: Sequence[str], description: str) -> None:
-    data = np.array(list(texts), dtype=h5py.string_dtype())
-    put(group, name, data, "1", description)
-
-
-def _take_texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    return tuple(text.decode() for text in take(group, name, 1, texts=True))
-
-
-def _take_column(group: h5py.Group, name: str) -> np.ndarray:
-    if h5py.check_string_dtype(group[name].dtype) is None:
-        return take(group, name, 1)
-    return np.array(_take_texts(group, name), dtype=object)

@@ -76,7 +76,7 @@ class Choice:
 
     def write(self, path: Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the reduced model with what was chosen, and what the parts add; by one process."""
-        self.rom.write(path, self.selection.write_into, *parts)
+        self.rom.write(path, self.selection.put, *parts)
 
 
 def leaves_open(scene: Scene) -> bool:

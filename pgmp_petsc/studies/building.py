@@ -58,8 +58,8 @@ class Built:
 
     def write(self, path: Path) -> None:
         """Write ROM.h5; by one process."""
-        parts = [] if self.selection is None else [self.selection.write_into]
-        parts += [] if self.sizes is None else [self.sizes.write]
+        parts = [] if self.selection is None else [self.selection.put]
+        parts += [] if self.sizes is None else [self.sizes.put]
         self.rom.write(path, *parts)
 
     @classmethod
@@ -67,7 +67,7 @@ class Built:
         """Read ROM.h5; by one process. Raises as `ReducedOrderModel.read`."""
         rom = ReducedOrderModel.read(path)
         with open_file(path, "rom") as file, shapes_of(file):
-            return cls(rom, Selection.read(file), EffectSizes.read(file))
+            return cls(rom, Selection.found_in(file), EffectSizes.found_in(file))
 
     def figures(self) -> dict[str, object]:
         """Return the figures of the model as plain data."""

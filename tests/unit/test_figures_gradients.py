@@ -94,7 +94,7 @@ def test_derivatives_of_nothing_and_of_no_scene_are_damaged(tmp_path: Path) -> N
     synthetic.derivatives().write(path)
     with resealed(path) as file:
         del file["outputs"]
-    with pytest.raises(InputError, match="is damaged: there are no outputs; write it again"):
+    with pytest.raises(InputError, match="is damaged: '/outputs' is missing; write it again"):
         Derivatives.read(path)
     synthetic.derivatives().write(path)
     with resealed(path) as file:

@@ -14,6 +14,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
+    "declare",
     "scene",
     "mesh",
     "bodies",
@@ -46,17 +47,18 @@ NEEDS = {
     "runtime": set(),
     "scene": set(),
     "mesh": set(),
-    "results": set(),
+    "declare": set(),
+    "results": {"declare"},
     "bodies": {"scene", "mesh"},
     "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
     "effects": {"scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
-    "export": {"results"},
-    "report": {"results", "figures"},
+    "export": {"declare", "results"},
+    "report": {"declare", "results", "figures"},
 }
-WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results")
+WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results", "declare")
 
 
 def imports_of(path: Path, for_types: bool = True) -> set[str]:

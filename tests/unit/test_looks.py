@@ -18,7 +18,7 @@ from pgmp_petsc.ensemble.looks import level_of_each, looks
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopping_of, stopping_remarks
-from pgmp_petsc.results.stopping import read_stopping
+from pgmp_petsc.results.stopping import Stopping
 from pgmp_petsc.scene import Scene
 
 REPETITIONS = 100
@@ -139,9 +139,9 @@ def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.Monke
     assert found.is_met and found.why == "the budget of 10 s is spent"
     assert "another run may have another" in stopping_remarks(found, 0.95)[0].text
     with h5py.File(tmp_path / "stopping.h5", "w") as file:
-        found.write(file)
+        found.put(file)
         file.flush()  # readers look at how large the file is
-        again = read_stopping(file)
+        again = Stopping.take(file)
     assert (again.why, again.budget, again.rules) == (found.why, 10.0, ())
     np.testing.assert_array_equal(again.samples, found.samples)
 

@@ -286,7 +286,7 @@ def test_a_build_with_a_tolerance_tells_the_parts_of_the_error(folder: Path) -> 
     selection = Selection({}, allowed, {"reduction.modes": 4}, {}, {}, attempts, ("crank_angle",), {}, {}, ())
     with write_file(folder / "rom.h5", "rom") as file:
         synthetic.record().write(file)
-        selection.write_into(file)
+        selection.put(file)
     [sources], _ = read_sources([folder / "run.h5", folder / "rom.h5"])
     budget = {line.what: line for line in error_budget(sources, None)}
     assert [part.text for part in budget["basis"].size] == ["0.4 %"]

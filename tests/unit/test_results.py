@@ -2,33 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import synthetic
+from every_result import LISTINGS, PARTS, RESULTS, listing
 from sealed import resealed
 
 from pgmp_petsc import results
-from pgmp_petsc.results import Ensemble, Frames, ModesTable, Trajectory
+from pgmp_petsc.results import Ensemble, Frames, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
 
 def assert_same(one, other, where: str = "result") -> None:
     """Compare two results down to every number, and the order of names."""
+    if isinstance(one, Mapping):
+        assert set(one) == set(other), where
+        for name in one:
+            assert_same(one[name], other[name], f"{where}[{name}]")
+        return
     assert type(one) is type(other), where
     if is_dataclass(one):
         for item in fields(one):
             assert_same(getattr(one, item.name), getattr(other, item.name), f"{where}.{item.name}")
-    elif isinstance(one, dict):
-        assert set(one) == set(other), where
-        for name in one:
-            assert_same(one[name], other[name], f"{where}[{name}]")
-    elif isinstance(one, np.ndarray):
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), where
+        for number, (own, others) in enumerate(zip(one, other)):
+            assert_same(own, others, f"{where}[{number}]")
+    elif isinstance(one, (np.ndarray, float)):
         np.testing.assert_array_equal(one, other, err_msg=where)
     else:
         assert one == other, where
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_files_are_as_they_were_and_come_back(name: str, tmp_path: Path) -> None:
+    """A listing changes only where a file is to change."""
+    result = RESULTS[name]()
+    result.write(tmp_path / "f.h5")
+    assert listing(tmp_path / "f.h5") == (LISTINGS / f"{name}.txt").read_text()
+    with type(result).opened(tmp_path / "f.h5") as again:
+        assert_same(again, result)
+
+
+def test_parts_of_reduced_models_are_as_they_were_and_come_back(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        for part in PARTS:
+            assert type(part).found_in(file) is None
+            part.put(file)
+        file.flush()  # readers look at how large the file is
+        for part in PARTS:
+            assert_same(type(part).found_in(file), part)
+    assert listing(tmp_path / "f.h5") == (LISTINGS / "parts.txt").read_text()
 
 
 @pytest.mark.parametrize(
@@ -39,22 +68,10 @@ def assert_same(one, other, where: str = "result") -> None:
         synthetic.ensemble("full", 100),
         synthetic.ensemble("reduced", 50, n_failed=0),
         synthetic.described(),
-        synthetic.modes_table(),
-        synthetic.modes_table(reduced=False),
-        synthetic.tradeoff(),
+        synthetic.rare_event(),
         synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
     ],
-    ids=[
-        "full",
-        "reduced",
-        "full ensemble",
-        "reduced ensemble",
-        "described ensemble",
-        "modes",
-        "full modes",
-        "trade-off",
-        "short trade-off",
-    ],
+    ids=["full", "reduced", "full ensemble", "reduced ensemble", "described ensemble", "rare event", "short trade-off"],
 )
 def test_round_trip(result, tmp_path):
     result.write(tmp_path / "f.h5")
@@ -67,67 +84,12 @@ def test_outputs_keep_the_order_of_the_scene(tmp_path):
     assert list(Trajectory.read(tmp_path / "f.h5").outputs) == list(run.outputs)
 
 
-def test_names_of_the_contract(tmp_path):
-    synthetic.trajectory("reduced").write(tmp_path / "t.h5")
-    synthetic.ensemble(n_samples=40).write(tmp_path / "e.h5")
-    synthetic.modes_table().write(tmp_path / "m.h5")
-    with h5py.File(tmp_path / "t.h5") as file:
-        assert file["time"].shape == file["outputs/crank_angle"].shape == (1001,)
-        assert file["outputs/slider_deformation"].attrs["unit"] == "m"
-        assert file["state/coordinates"].shape == (1001, 1) and file["state/modal"].shape == (1001, 3)
-    with h5py.File(tmp_path / "e.h5") as file:
-        for name in ("parameters/r1", "outputs/crank_angle", "status"):
-            assert file[name].shape == (40,)
-        assert np.isnan(file["outputs/crank_angle"][-3:]).all() and file["status"][0] == 0
-        names = {"mean", "std", "mean_standard_error", "std_standard_error", "pdf", "edges", "quantiles"}
-        names |= {"count", "quantile_bounds", "mean_interval", "std_interval", "quantile_intervals"}
-        assert set(file["statistics/crank_angle"]) == names
-        assert file["statistics/crank_angle/mean"].shape == ()
-        for name, shape in (("mean_interval", (2,)), ("std_interval", (2,)), ("quantile_intervals", (3, 2))):
-            assert file[f"statistics/crank_angle/{name}"].shape == shape
-    synthetic.described(40).write(tmp_path / "d.h5")
-    with h5py.File(tmp_path / "d.h5") as file:
-        assert set(file["bands/crank_angle"]) >= {"time", "mean", "std", "quantiles"}
-        assert file["bands/crank_angle/quantiles"].shape == (21, 3)
-        for name in ("max", "min", "time_of_max"):
-            assert file[f"extremes/slider_deformation/{name}"].shape == (40,)
-        assert file["probabilities/late/estimate"].shape == () and file["probabilities/late/interval"].shape == (2,)
-        indices = file["sobol/crank_angle"]
-        assert list(indices.attrs["parameters"]) == ["r1", "push"]
-        assert indices["S1"].shape == indices["ST"].shape == (2,)
-        assert indices["S1_interval"].shape == indices["ST_interval"].shape == (2, 2)
-    with h5py.File(tmp_path / "m.h5") as file:
-        assert file["theta"].shape == (200,)
-        assert file["full/frequencies_hz"].shape == file["reduced/frequencies_hz"].shape == (200, 6)
-    for name in ("t.h5", "e.h5", "d.h5", "m.h5"):
-        with h5py.File(tmp_path / name) as file:
-            bare = []
-            file.visititems(
-                lambda path, item: (
-                    bare.append(path)
-                    if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
-                    else None
-                )
-            )
-            assert bare == []
-
-
-def test_modes_over_two_coordinates(tmp_path):
-    table = replace(
-        synthetic.modes_table(n_theta=12),
-        theta=np.arange(24.0).reshape(2, 12),
-        coordinate_units={"theta": "rad", "reach": "m"},
-    )
-    table.write(tmp_path / "f.h5")
-    assert_same(ModesTable.read(tmp_path / "f.h5"), table)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"model": "small"}, "model is 'small'; allowed: full, components, reduced"),
-        ({"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(any\)"),
-        ({"outputs": {"a": np.zeros(5)}}, r"output 'a' has shape \(5,\); needed: \(1001\)"),
+        ({"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(time\)"),
+        ({"outputs": {"a": np.zeros(5)}}, r"outputs 'a' has shape \(5,\); needed: \(time: 1001\)"),
         ({"coordinates": np.zeros(1001)}, r"coordinates has shape"),
         ({"modal": np.zeros((5, 2))}, r"modal has shape"),
     ],
@@ -151,7 +113,7 @@ def test_an_ensemble_that_does_not_fit_together():
     ensemble = synthetic.ensemble(n_samples=10)
     with pytest.raises(ValueError, match=r"status \[2\] has no meaning; known: \[0\]"):
         replace(ensemble, meanings={0: "fine"})
-    with pytest.raises(ValueError, match="'r1' has shape"):
+    with pytest.raises(ValueError, match=r"outputs 'crank_angle' has shape \(10,\); needed: \(sample: 4\)"):
         replace(ensemble, parameters={"r1": np.zeros(4)})
     with pytest.raises(ValueError, match="edges has shape"):
         replace(synthetic.statistics(np.arange(9.0)), edges=np.zeros(3))
@@ -164,7 +126,7 @@ def test_statistics_of_nothing_have_no_bins():
 
 
 def test_modes_that_do_not_fit_together():
-    with pytest.raises(ValueError, match="full-order frequencies has shape"):
+    with pytest.raises(ValueError, match="full_hz has shape"):
         replace(synthetic.modes_table(), theta=np.zeros(7))
 
 
@@ -195,7 +157,7 @@ def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
         del file["outputs/crank_angle"]
         file["outputs/crank_angle"] = np.zeros(5)
         file["outputs/crank_angle"].attrs["unit"] = "rad"
-    with pytest.raises(InputError, match=r"damaged: 'crank_angle' has shape \(5,\); needed: \(9\)"):
+    with pytest.raises(InputError, match=r"damaged: outputs 'crank_angle' has shape \(5,\); needed: \(sample: 9\)"):
         Ensemble.read(tmp_path / "f.h5")
 
 
@@ -204,3 +166,36 @@ def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
         assert getattr(results, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
         _ = results.Trajectories
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "message"),
+    [
+        ("design", "goal", np.zeros(5), r"goal has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "curve/probability", np.zeros(5), r"curve/probability has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "parameters/r1", np.zeros(5), r"parameters 'r1' has shape \(5,\); needed: \(sample: 6\)"),
+        ("ensemble", "corrected/crank_angle/mean_alone_interval", None, "mean_alone_interval' is missing"),
+        ("ensemble", "sobol/crank_angle/ST", None, "total Sobol indices and their intervals go together"),
+        (
+            "ensemble",
+            "kept/unstable_start",
+            np.zeros(5),
+            r"kept 'unstable_start' has shape \(5,\); needed: \(sample: 12",
+        ),
+        ("ensemble", "bands/crank_angle/mean", np.zeros(5), r"mean has shape \(5,\); needed: \(time: 21\)"),
+        ("trajectory", "fields/bar/points/00001", None, r"deformation has shape \(3, 13, 2\); needed: \(frame: 2"),
+        ("trajectory", "fields/bar/at_cells/von_mises", None, "quantities at nodes, in cells and units of a body"),
+        ("tradeoff", "settings/angles", None, "/settings lacks angles"),
+        ("shard", "columns/status", None, "columns lack 'status'"),
+    ],
+)
+def test_what_does_not_fit_together_is_told(name: str, place: str, value: object, message: str, tmp_path: Path) -> None:
+    result, path = RESULTS[name](), tmp_path / "f.h5"
+    result.write(path)
+    with resealed(path) as file:
+        del file[place]
+        if value is not None:
+            file[place] = value
+            file[place].attrs["unit"] = "1"
+    with pytest.raises(InputError, match=f"f.h5'.*{message}"), type(result).opened(path):
+        pass

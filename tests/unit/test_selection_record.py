@@ -36,13 +36,13 @@ SELECTION = Selection(
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     with h5py.File(tmp_path / "rom.h5", "w") as file:
-        SELECTION.write_into(file)
+        SELECTION.put(file)
     return tmp_path / "rom.h5"
 
 
 def test_it_comes_back_from_the_file(path: Path) -> None:
     with h5py.File(path) as file:
-        found = Selection.read(file)
+        found = Selection.found_in(file)
     for name in ("tolerances", "allowed", "chosen", "reasons", "kept", "outputs", "loads", "remarks"):
         assert getattr(found, name) == getattr(SELECTION, name), name
     np.testing.assert_array_equal(found.values["r"], [1.0, 2.0])
@@ -61,14 +61,14 @@ def test_every_dataset_is_described(path: Path) -> None:
 
 def test_a_file_without_a_selection_has_none(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "plain.h5", "w") as file:
-        assert Selection.read(file) is None
+        assert Selection.found_in(file) is None
 
 
 def test_a_damaged_selection_is_told(path: Path) -> None:
     with h5py.File(path, "r+") as file:
         del file["selection/largest"]
     with h5py.File(path) as file, pytest.raises(InputError, match="selection/largest"):
-        Selection.read(file)
+        Selection.found_in(file)
 
 
 def test_in_words() -> None:
