@@ -12,15 +12,15 @@ from result_files import QUICK
 from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.api.arguments import _TAKEN, _alternatives
+from pgmp_petsc.api.arguments import _TAKEN, kinds_of
 
 FUNCTIONS = {name: found for name in pgmp.__all__ if inspect.isfunction(found := getattr(pgmp, name))}
 SHORT = {"simulation.duration": 2e-3, "ensemble.checked_share": 0.0}
 # what runs on a model in memory; of the others files are missing, and whatever is taken ends there
 RUNS = ("simulate", "montecarlo", "rare_event", "sensitivities", "fields")
 MISSING = {
-    "source": "none.h5", "rom": "none.h5", "scene": "none.toml", "path": "none.h5", "n": 2, "event": "crank_angle > 1",
-    "goal": "minimise r1", "files": ["none.h5"], "failed": "none.h5", "measured": "none.csv", "output": "none.h5",
+    "source": "none.h5", "rom": "none.h5", "scene": "none.toml", "path": "none.h5", "n": 2, "event": "crank_angle > 1", "template": "none",
+    "goal": "minimise r1", "files": ["none.h5"], "file": "none.toml", "failed": "none.h5", "measured": "none.csv", "output": "none.h5",
     "results": ["none.h5"], "result": "none.h5", "tables": {}, "times": [0.0],
 }  # fmt: skip
 
@@ -43,7 +43,7 @@ def test_every_function_is_checked_by_annotations_that_are_known() -> None:
     for name, function in FUNCTIONS.items():
         assert hasattr(function, "__wrapped__"), name
         for entry in inspect.signature(function).parameters.values():
-            unknown = [kind for kind in _alternatives(entry.annotation) if kind not in _TAKEN]
+            unknown = [kind for kind in kinds_of(entry.annotation) if kind not in _TAKEN]
             assert unknown in ([], ["MPI.Comm"]), (name, entry)
 
 

@@ -1,14 +1,13 @@
-"""What a command says of an ensemble's figures: statistics, quantiles and probabilities with their intervals."""
+"""What is said of ensembles and of parts of them: statistics, quantiles and probabilities with their intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.cli import estimates
-from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.results.numbers import (
     axis_unit,
@@ -16,17 +15,30 @@ from pgmp_petsc.results.numbers import (
     number_text as _number,
     percent as _percent,
 )
-from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.texts import estimates
+
+if TYPE_CHECKING:
+    from pgmp_petsc.results.shard import ShardSamples
+    from pgmp_petsc.runtime.errors import Remark
 
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
-    lines += remark_lines(ensemble.record, said)
-    lines += estimates.of_ensemble(ensemble)
-    lines += estimates.of_balance(ensemble)
-    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
-    return "\n".join(lines)
+    lines += [*estimates.of_ensemble(ensemble), *estimates.of_balance(ensemble)]
+    return "\n".join([*lines, *estimates.closing(ensemble.record, said)])
+
+
+def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return which samples are there, and what is left to do."""
+    place, failed = shard.place, int(np.sum(shard.status != 0))
+    first, last = place.first, place.first + len(shard.status)
+    which = f"shard {place.number}/{place.count}, samples {first} to {last - 1} of {place.n_samples}"
+    lines = [f"{path}: {shard.model} model, {which}", *(f"  {remark}" for remark in shard.found)]
+    if failed:
+        lines.append(f"  {failed} of {last - first} samples failed; pgmp merge says why")
+    lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
+    return "\n".join([*lines, *estimates.closing(shard.record, said)])
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:

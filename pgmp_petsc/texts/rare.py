@@ -1,4 +1,4 @@
-"""``pgmp montecarlo --rare``: which options it has, and what is said of the probability."""
+"""What is said of the probability of a rare event."""
 
 from __future__ import annotations
 
@@ -8,43 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.numbers import share_text
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.texts.estimates import closing
 
 if TYPE_CHECKING:
     from pgmp_petsc.results.rare_event import RareEvent
     from pgmp_petsc.runtime.errors import Remark
 
 SHOWN = 12  # parameters of a design point
-WHY_ALONE = {
-    "sampler": "samples follow from those before them",
-    "samples": "samples follow from those before them",
-    "shard": "samples follow from those before them",
-    "resume": "its samples are not kept on the way, so that a killed run begins anew",
-    "ranks_per_sample": "ranks take samples of their own",
-    "correct": "better models would have rare events of their own",
-    "until": "its own rule says when enough is known",
-    "budget": "it takes the samples that it is given",
-    "retry_failed": "it has no samples to be tried again",
-}
-
-
-def alone(**options: object) -> None:
-    """Refuse options of ensembles that --rare has no part for; None, and one rank a sample, are not given."""
-    for name, value in options.items():
-        if value is not None and (name, value) != ("ranks_per_sample", 1):
-            flag = f"--{name.replace('_', '-')}"
-            shown = flag if value is True else f"{flag} {value}"
-            raise InputError(f"{shown} with --rare: {WHY_ALONE[name]}; leave it out")
 
 
 def report(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the probability of a rare event, how it was found, and all remarks but those that were said before."""
     lines = [f"{path}: {result.model} model, {len(result.value)} samples", *lines_of(result)]
-    lines += remark_lines(result.record, said)
-    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in result.record.timings.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *closing(result.record, said)])
 
 
 def lines_of(result: RareEvent) -> list[str]:

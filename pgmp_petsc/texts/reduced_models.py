@@ -1,4 +1,4 @@
-"""``pgmp build``: the offline build of a reduced model."""
+"""What is said of a reduced model."""
 
 from __future__ import annotations
 
@@ -6,52 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
-from pgmp_petsc.api.modes import build as built
-from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import PathName, output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import output_form, remark_lines
-from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.texts.estimates import closing
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.runtime.errors import Remark
     from pgmp_petsc.studies.building import Built
 
 
-@click.command()
-@click.argument("scene", metavar="SCENE", type=PathName())
-@output_option
-@ranks_per_angle_option
-@click.option("--resume", is_flag=True, help="Take up a build of the same file that was stopped.")
-@output_form
-@scene_options
-@click.pass_context
-def build(
-    context: click.Context,
-    scene: Path,
-    output: Path,
-    ranks_per_angle: int,
-    resume: bool,
-    settings: tuple[str, ...],
-    overrides: tuple[str, ...],
-) -> None:
-    """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5).
-
-    With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
-    error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
-    out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what SCENE
-    leaves out although it matters is said, as in pgmp check --effects.
-
-    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
-    with any number of ranks. With a tolerance it is the runs that errors are measured against.
-    """
-    call = Call(context, output, settings, overrides)
-    made = built(scene, ranks_per_angle=ranks_per_angle, resume=resume, **call.arguments)
-    call.say(made, all_of)
-
-
-def all_of(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
+def report_of_build(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
     """Say what was built, what is doubtful about it, and what was chosen for tolerances."""
     chosen = [] if made.selection is None else made.selection.lines(attempts=False)
     return "\n".join([report(made.rom, path, said), *chosen])
@@ -71,9 +34,7 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     ]
     if tables.samples.n > len(rom.frequencies_hz):
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
-    lines += remark_lines(rom.record, said)
-    lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *closing(rom.record, said)])
 
 
 def beside_modes(rom: ReducedOrderModel) -> str:
