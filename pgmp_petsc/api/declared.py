@@ -18,9 +18,11 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import Any
 
 from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of
+from pgmp_petsc.api.found import Found
 from pgmp_petsc.runtime.errors import InputError
 
 
@@ -72,6 +74,11 @@ class Argument:
     def options(self) -> list[str]:
         """Words of a command line that give it; none where it is given by its place."""
         return self.option.split() if self.option else []
+
+    @property
+    def limits(self) -> Range | None:
+        """The range of a number, where it has one."""
+        return self.allowed if isinstance(self.allowed, Range) else None
 
     @property
     def by_place(self) -> bool:
@@ -185,6 +192,11 @@ class Command:
         return {names.get(name, name): value for name, value in given.items()}
 
     @property
+    def has_figures(self) -> bool:
+        """Whether it has ``--json``."""
+        return self.report is not None and self.figures is not None
+
+    @property
     def description(self) -> str:
         """What it does, in paragraphs."""
         return self.spelled(_paragraphs(self.function.described))
@@ -227,6 +239,11 @@ _OF_PROGRAMS = {
 OPTIONAL_OUTPUT = replace(SHARED["output"], required=False)
 
 
+def found_command(head: Found) -> Command:
+    """Return the declaration that a head is of; its module is imported."""
+    return getattr(import_module(head.module), head.function).command
+
+
 def interface(**arguments: Argument) -> Callable[[Function], Function]:
     """Declare a function of the Python interface: it is checked and documented by what is said of its arguments.
 
@@ -262,7 +279,7 @@ def summary(result: Any) -> Mapping[str, object]:
 
 
 def command(
-    name: str, help: str, place: int, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
+    name: str, help: str, place: int, /, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
     figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
     choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
     about: str = "", shell: Mapping[str, Argument] | None = None, **arguments: Argument,
@@ -317,17 +334,15 @@ def _paragraphs(text: str) -> str:
 
 def _docstring(described: str, declared: Mapping[str, Argument]) -> str:
     """Return a docstring with the section of parameters."""
-    said, *rest = re.split(r"\n\n(?=\w+\n-{3,}\n)", described)
+    # a command line keeps the lines of a paragraph that a backspace precedes
+    said, *rest = re.split(r"\n\n(?=\w+\n-{3,}\n)", described.replace("\b\n", ""))
     lines = [f"{said} Collective on `comm`." if "\n" not in said else f"{said}\n\nCollective on `comm`."]
     lines += ["", "Parameters", "----------"]
     for name, argument in declared.items():
         lines.append(f"{name} : {' or '.join(argument.kinds)}")
         meaning = _OF_PROGRAMS.get(name, argument.meaning)
         parts = [f"{part.name}: {part.meaning}" for part in argument.parts.values()]
-        limits = argument.allowed
-        if isinstance(limits, Range):
-            meaning += f" Allowed: {limits}."
-        elif isinstance(limits, tuple):
-            meaning += f" Allowed: {', '.join(limits)}."
+        allowed = ", ".join(argument.allowed) if isinstance(argument.allowed, tuple) else argument.limits
+        meaning += f" Allowed: {allowed}." if allowed else ""
         lines += [f"    {line}" for line in filter(None, (meaning, *parts))]
     return "\n".join(["\n".join(lines), *(f"\n{section}" for section in rest)])

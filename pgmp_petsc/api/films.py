@@ -236,7 +236,7 @@ def write_report(
     Results of different scenes get sections of their own, with the scenes' names.
 
     A page names the files that it is of: what a program holds and was not written yet is written beside it, as
-    ``<page>_<kind>_<number>.h5``.
+    PAGE_KIND_NUMBER.h5.
 
     Returns
     -------

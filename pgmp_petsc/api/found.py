@@ -41,10 +41,10 @@ class Found:
 
 
 @cache
-def found() -> tuple[Found, ...]:
-    """Return all functions of the interface, commands in the order of lists; no module is imported."""
+def found(room: Path = ROOM) -> tuple[Found, ...]:
+    """Return all functions of the interface in a room, commands in the order of lists; no module is imported."""
     functions = []
-    for path in sorted(ROOM.glob("*.py")):
+    for path in sorted(room.glob("*.py")):
         for head in _HEAD.finditer(path.read_text(encoding="utf-8")):
             starts = _PETSC.search(head["rest"] or "")
             petsc = True if starts is None else starts[2] or False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -130,7 +131,7 @@ def _write_schema(output: Path | None) -> str:
     if output is None:
         return schema_text()
     suffix = output.suffix.lower()
-    if output.is_dir():
+    if os.path.isdir(output):  # a Path's own way raises for names that are too long
         raise InputError(f"output '{output}' is a directory; give the name of a file in it, FILE.json or FILE.md")
     if suffix not in (".json", *PAGES):
         raise InputError(

@@ -38,7 +38,7 @@ Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
 REDUCED = "reduced"
 SOURCE = Argument("Reduced model, or its file; with `model` a scene, or its file.", word="ROM.h5|SCENE")
-SCENE = Argument("Scene, as from `load` or `compose`, or its file.", word="SCENE")
+SCENE = Argument("Scene, or its file.", word="SCENE")
 
 
 @dataclass(frozen=True)

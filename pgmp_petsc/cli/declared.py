@@ -74,7 +74,8 @@ def _refuse(
     """Refuse a word that is no number, with the range as click writes it: ``x>=2``, ``0<=x<=1``."""
     low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
     shown = f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"
-    kind.fail(f"{str(value)!r} is not a {what} in the range {shown}", param, ctx)
+    within = "" if kind.min is None else f" in the range {shown}"
+    kind.fail(f"{str(value)!r} is not a {what}{within}", param, ctx)
 
 
 class Declared(click.Command):
@@ -86,7 +87,7 @@ class Declared(click.Command):
         parameters = [one for argument in command.arguments.values() for one in _parameters(argument, command)]
         words = [one for one in parameters if isinstance(one, click.Argument)]
         options = [one for one in parameters if isinstance(one, click.Option)]
-        if command.report is not None and command.figures is not None:
+        if command.has_figures:
             options.append(_of_session("--json", JSON, take_json))
         options.append(_of_session("--quiet", QUIET, take_quiet))
         super().__init__(command.name, params=[*words, *options], help=command.description, callback=self._called)
@@ -124,10 +125,9 @@ def _parameters(argument: Argument, command: Command) -> Iterator[click.Paramete
     name, kind = argument.name.replace(".", "_"), kind_of(argument)
     if not argument.options:
         n = -1 if argument.repeated else 1
-        word = click.Argument([name], metavar=argument.word + "..." * argument.repeated, nargs=n, required=True, type=kind)
-        if argument.listed is not None:
-            word = click.Argument([name], metavar=argument.word, shell_complete=_completing(argument.listed))
-        yield word
+        complete = None if argument.listed is None else _completing(argument.listed)
+        metavar = argument.word + "..." * argument.repeated
+        yield click.Argument([name], metavar=metavar, nargs=n, required=True, type=kind, shell_complete=complete)
         return
     text = command.spelled(argument.meaning) + " Repeatable." * argument.repeated
     options = [name, *argument.options]
@@ -139,7 +139,7 @@ def _parameters(argument: Argument, command: Command) -> Iterator[click.Paramete
         more |= {"default": argument.default, "show_default": True}
     yield click.Option(
         options, metavar=None if isinstance(kind, click.Choice) else argument.word, type=kind, help=text,
-        required=argument.required, multiple=argument.repeated, **more,
+        required=argument.required and "." not in argument.name, multiple=argument.repeated, **more,
     )  # fmt: skip
 
 
@@ -154,9 +154,7 @@ def kind_of(argument: Argument) -> click.ParamType:
         return click.Choice(limits)
     for name, number in (("int", Whole), ("float", Number)):
         if name in argument.kinds:
-            if not isinstance(limits, Range):
-                return {"int": click.INT, "float": click.FLOAT}[name]
-            return number(limits.least, limits.most, min_open=limits.above)
+            return number(limits.least, limits.most, min_open=limits.above) if isinstance(limits, Range) else number()
     return click.STRING
 
 
@@ -195,10 +193,8 @@ def _made(argument: Argument, known: Mapping[str, object]) -> object:
     for key, part in argument.parts.items():
         if part.required and key not in known:
             words = " and ".join(f"{argument.parts[item].called} {value}" for item, value in known.items())
-            raise InputError(
-                f"{words}: {argument.meaning}; give {part.called} {part.word} too, or leave it out"
-            )
-    return argument.made(**{
-        key: value if argument.parts[key].read is None else argument.parts[key].read(value) for key, value in known.items()
-    })  # fmt: skip
+            why = f"for {argument.meaning[0].lower()}{argument.meaning[1:].rstrip('.')}"
+            raise InputError(f"{words}: {why}; give {part.called} {part.word} too, or leave it out")
+    read = {key: argument.parts[key].read or (lambda value: value) for key in known}
+    return argument.made(**{key: read[key](value) for key, value in known.items()})
 

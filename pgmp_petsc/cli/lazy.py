@@ -9,7 +9,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import click
@@ -35,12 +34,14 @@ class LazyCommand:
 
     def load(self) -> click.Command:
         """Import the module and return the command."""
-        from pgmp_petsc.cli.declared import Declared  # what results need, for which `pgmp --help` does not wait
+        # what commands need takes a noticeable time, for which `pgmp --help` does not wait
+        from pgmp_petsc.api.declared import found_command
+        from pgmp_petsc.cli.declared import Declared
 
-        function = getattr(import_module(self.head.module), self.head.function)
+        command = Declared(found_command(self.head))
         gc.freeze()  # modules live to the end: later collections need not look through them
         gc.enable()
-        return Declared(function.command)
+        return command
 
 
 def found_commands() -> dict[str, LazyCommand]:
