@@ -18,7 +18,6 @@ import numpy as np
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, shortened
-from pgmp_petsc.scene.messages import inline_toml
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -150,6 +149,8 @@ def overrides_of(overrides: object) -> tuple[str, ...]:
     if overrides is None:
         return ()
     if isinstance(overrides, Mapping):
+        from pgmp_petsc.scene.messages import inline_toml  # with all that a scene may say, which results need not
+
         return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
     if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
         raise InputError(
