@@ -86,7 +86,9 @@ class Range:
         return f"{'above' if self.above else 'from'} {least}{end}{f' {self.unit}' if self.unit else ''}"
 
 
-def checked(function: Function, allowed: Mapping[str, object] | None = None, names: Mapping[str, str] | None = None) -> Function:
+def checked(
+    function: Function, allowed: Mapping[str, object] | None = None, names: Mapping[str, str] | None = None
+) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
     Numbers of numpy become Python's, None stands for no overrides.

@@ -1,8 +1,8 @@
 """A command is a function and one declaration: what is said, once, of each of its arguments.
 
 From it follow the function's checks and docstring, click's command, ``--json`` and docs/commands.md. Commands are found
-by the heads of the modules in this room (`api.found`), which are read and not imported: a command is one more file, or one
-more function in a file of its kin::
+by the heads of the modules in this room (`api.found`), which are read and not imported: a command is one more file, or
+one more function in a file of its kin::
 
     @command("merge", "Join the shards of an ensemble.", 80, report=report, files=Argument("Shards, in any order."))
     def merge(files: Sequence[str | PathLike[str]], *, output: ... = None, on_all_ranks: ..., comm: ...) -> Result:
@@ -185,9 +185,8 @@ class Command:
 
     def given_to(self, function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
         """Return what was given by the names that one of its functions has; words have the same places in all."""
-        places = (
-            [name for name, one in of.declared.items() if one.by_place and one.meaning] for of in (self.function, function)
-        )
+        functions = (self.function, function)
+        places = ([name for name, one in of.declared.items() if one.by_place and one.meaning] for of in functions)
         names = dict(zip(*places))
         return {names.get(name, name): value for name, value in given.items()}
 
@@ -231,7 +230,7 @@ _OF_PROGRAMS = {
     "on_all_ranks": "Whether all ranks get the result; else the first alone has its data, with columns in a file.",
     "comm": "The ranks, all of which make the call; by default COMM_WORLD where it has several, else COMM_SELF.",
     "output": "File to write, as the command does; a table where its name ends in .csv.",
-    "resume": "Whether to take up what a stopped run left beside the same file; without one nothing is kept on the way.",
+    "resume": "Whether to take up what a stopped run left beside the file; without one nothing is kept on the way.",
     "parameters": 'Values in single runs, SI units: a mapping of names to numbers, or texts "name=VALUE".',
     "overrides": 'Entries of the scene: a mapping of dotted keys to values, or texts "dotted.key=VALUE" in TOML.',
     "model": "'full' or 'components' with a scene; 'reduced' or nothing with a reduced model.",
@@ -256,7 +255,7 @@ def interface(**arguments: Argument) -> Callable[[Function], Function]:
     def declare(function: Function) -> Function:
         signature = inspect.signature(function).parameters
         said = SHARED | arguments
-        strange = [*(name for name in signature if name not in said), *(name for name in arguments if name not in signature)]
+        strange = [name for name in (*signature, *arguments) if name not in said or name not in signature]
         if strange:
             raise TypeError(f"{function.__name__}: {', '.join(strange)}: no argument, or one of which nothing is said")
         declared = {}

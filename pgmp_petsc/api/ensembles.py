@@ -218,8 +218,8 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     "montecarlo", "Many samples and their distributions.", 70, report=_report, status=exit_status, choose=choose,
     others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
     samples=Argument(
-        "Take the samples of a CSV or HDF5 file, columns named as parameters, SI units; in a program also of a DataFrame, "
-        "or of a mapping of names to numbers.", word="TABLE",
+        "Take the samples of a CSV or HDF5 file, columns named as parameters, SI units; in a program also of a "
+        "DataFrame, or of a mapping of names to numbers.", word="TABLE",
         allowed="a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers",
     ),
     shard=Argument(
@@ -227,8 +227,8 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
         allowed="pgmp.Shard(number, count), such as pgmp.Shard(2, 8)", read=read_part,
     ),
     correct=Argument(
-        "Run the first K samples with a better MODEL too (full or components; /D: steps D times as short), and give its "
-        "mean, deviation and probabilities; K may be auto with --budget.", word="[SCENE:]MODEL[/D]=K",
+        "Run the first K samples with a better MODEL too (full or components; /D: steps D times as short), and give "
+        "its mean, deviation and probabilities; K may be auto with --budget.", word="[SCENE:]MODEL[/D]=K",
         allowed="a list of pgmp.Correction(model, n)", read=lambda texts: [Correction.read(text) for text in texts],
     ),
     stopping=Argument(
@@ -304,7 +304,8 @@ def montecarlo(
 @command(
     "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
     files=Argument(
-        "Files of all shards, in any order.", word="FILE", allowed="a list of names of shards' files, and not an empty one"
+        "Files of all shards, in any order.", word="FILE",
+        allowed="a list of names of shards' files, and not an empty one",
     ),
 )  # fmt: skip
 def merge(

@@ -132,8 +132,8 @@ def _is_rom(file: Path) -> bool:
 def export_result(
     result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: MPI.Comm | None = None
 ) -> Path:
-    """Write the frames of trajectory `result` as XDMF, which ParaView opens; a result's columns as CSV (-o FILE.csv); or
-    a reduced model `result` for other programs.
+    """Write the frames of trajectory `result` as XDMF, which ParaView opens; a result's columns as CSV (-o FILE.csv);
+    or a reduced model `result` for other programs.
 
     The XDMF file refers to `result` and copies nothing: keep the two together. CSV has units in its first line.
 

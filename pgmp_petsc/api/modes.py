@@ -75,8 +75,8 @@ def build(
     """Compute modes at the sampled configurations of `scene` and write the reduced model (ROM.h5).
 
     With reduction.tolerance, or simulation.tolerance, what `scene` does not give is chosen so that no output has a
-    larger error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are
-    left out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what
+    larger error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter
+    are left out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what
     `scene` leaves out although it matters is said, as in pgmp check --effects.
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; `resume` takes them up,

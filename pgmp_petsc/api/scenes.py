@@ -1,4 +1,4 @@
-"""Scenes of a program: from a file or from tables, and with other values; scenes to begin with, and what they may say."""
+"""Scenes: from a file or from tables, and with other values; some to begin with, and what they may say."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Commands of click from declarations: words and options by the kinds of arguments, their values as functions take them.
-"""
+"""Commands of click from declarations: words and options by the kinds of arguments, values as functions take them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One call of ``pgmp``: its ranks, the options for PETSc, and what it writes on standard output: words, nothing, or JSON."""
+"""One call of ``pgmp``: its ranks, the options for PETSc, and whether it prints words, nothing, or JSON."""
 
 from __future__ import annotations
 

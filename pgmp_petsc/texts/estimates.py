@@ -48,7 +48,8 @@ def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) ->
     lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
         known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
-        lines.append(f"  {name:24s}{f'{NOT_ESTIMATED:>16s}: {errors.absent[name]}' if name in errors.absent else known}")
+        absent = f"{NOT_ESTIMATED:>16s}: {errors.absent.get(name)}"
+        lines.append(f"  {name:24s}{absent if name in errors.absent else known}")
     return lines
 
 

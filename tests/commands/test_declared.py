@@ -1,4 +1,4 @@
-"""Commands as declarations: what is found without importing, what follows for Python, click and docs, what is refused."""
+"""Commands as declarations: what is found without importing, what follows for Python, click and docs, and refusals."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def test_every_option_says_what_it_does(name: str) -> None:
     """In words of the command line: no name of an argument in backticks is left."""
     made = COMMANDS[name].load()
     for option in made.params:
-        assert isinstance(option, click.Argument) or (option.help and option.help[0].isupper() and "`" not in option.help)
+        said = "A word." if isinstance(option, click.Argument) else option.help
+        assert said[0].isupper() and "`" not in said
     assert made.help and "`" not in made.help
     assert {"--quiet"} <= {word for option in made.params for word in option.opts}
 

@@ -175,7 +175,7 @@ def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable,
     done = mpirun(2, parallel_scripts / "python_interface.py", commands / "rom.h5", tmp_path)
     first, second = json.loads(done.stdout.splitlines()[-1])
     assert first == second and first["end"] == first["alone"]
-    starts = ("parameters r7=1.0: the scene has no parameter", "nowhere.toml: there is no", "n = 0: allowed", "output file ")
+    starts = ("parameters r7=1.0: the scene has no", "nowhere.toml: there is no", "n = 0: allowed", "output file ")
     assert len(first["failures"]) == len(starts)
     for failure, start in zip(first["failures"], starts):
         assert failure.startswith(start)
@@ -344,7 +344,10 @@ WRONG = {
     "a source": (lambda rom, scene: pgmp.simulate(3), "source: int received; allowed is a reduced model"),
     "no model": (lambda rom, scene: pgmp.simulate(scene), "model = None: of a scene there are 'full' and 'components'"),
     "a model": (lambda rom, scene: pgmp.simulate(rom, model="full"), "model = 'full': a reduced model is given"),
-    "a parameter": (lambda rom, scene: pgmp.simulate(rom, {"r7": 1}), "parameters r7=1.0: the scene has no parameter 'r7'"),
+    "a parameter": (
+        lambda rom, scene: pgmp.simulate(rom, {"r7": 1}),
+        "parameters r7=1.0: the scene has no parameter 'r7'",
+    ),
     "a value": (lambda rom, scene: pgmp.simulate(rom, {"r1": "x"}), "parameters r1=x: 'x' is not a finite number"),
     "parameters": (lambda rom, scene: pgmp.simulate(rom, "r1=1"), "parameters = 'r1=1': allowed are a mapping"),
     "a text": (lambda rom, scene: pgmp.simulate(rom, ["r1"]), "parameters r1: "),
@@ -431,7 +434,10 @@ WRONG = {
         "output: int received; allowed is the name of a file",
     ),
     "no FMU": (lambda rom, scene: pgmp.export_model(rom, "a", fmi=3), "fmi 3 is for FMUs, and 'a' is none"),
-    "a version": (lambda rom, scene: pgmp.export_model(rom, "a.fmu", fmi=4), "fmi = 4: allowed are whole numbers from 2 to 3"),
+    "a version": (
+        lambda rom, scene: pgmp.export_model(rom, "a.fmu", fmi=4),
+        "fmi = 4: allowed are whole numbers from 2 to 3",
+    ),
     "a goal": (lambda rom, scene: pgmp.optimize(rom, "minimise nothing"), "nothing"),
     "constraints": (
         lambda rom, scene: pgmp.optimize(rom, "minimise r1", subject_to="r1 < 1"),

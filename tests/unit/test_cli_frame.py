@@ -68,7 +68,8 @@ def test_help_is_printed_once(run, n, arguments):
         (
             "modes s.toml -o m.h5 --angles 1e3",
             2,
-            "Invalid value for '--angles': '1e3' is not a whole number in the range 2<=x<=1000000 (see 'pgmp modes --help')",
+            "Invalid value for '--angles': '1e3' is not a whole number in the range 2<=x<=1000000 "
+            "(see 'pgmp modes --help')",
         ),
         (
             "animate f.h5 -o f.gif --fps fast",
