@@ -212,7 +212,8 @@ def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> 
             return value  # the function's own to look at
         found = _TAKEN[kind](value)
         if found is not NotImplemented:
-            return _within(name, found, kind, limits)
+            _check(name, value, found, kind, limits)
+            return found
     kind = next(kind for kind in kinds if kind != "None")
     text = limits if isinstance(limits, str) else ALLOWED[kind]
     if kind in ("Scene", "Rom", "Result") and "PathLike[str]" in kinds:
@@ -223,16 +224,15 @@ def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> 
     raise wrong(name, value, text)
 
 
-def _within(name: str, value: Any, kind: str, limits: object) -> Any:
-    """Return a value; refuse what is none of those that are allowed."""
+def _check(name: str, given: object, value: Any, kind: str, limits: object) -> None:
+    """Refuse a value of its kind that is none of those that are allowed."""
     if callable(limits) and value is not None:
         limits(value)
     if isinstance(limits, Range) and kind in ("int", "float") and not limits.holds(value):
         what = "whole numbers" if kind == "int" else "numbers"
-        raise InputError(f"{name} = {value!r}: allowed are {what} {limits}")
+        raise InputError(f"{name} = {given!r}: allowed are {what} {limits}")
     if isinstance(limits, tuple) and kind == "str" and value not in limits:
-        raise InputError(f"{name} = {shortened(repr(value))}: allowed are {', '.join(limits)}")
-    return value
+        raise InputError(f"{name} = {shortened(repr(given))}: allowed are {', '.join(limits)}")
 
 
 def _whole(value: object) -> object:
