@@ -87,7 +87,7 @@ class Range:
 
 
 def checked(
-    function: Function, allowed: Mapping[str, object] | None = None, names: Mapping[str, str] | None = None
+    function: Function, declared: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
 ) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
@@ -97,8 +97,8 @@ def checked(
     ----------
     function
         The function.
-    allowed
-        By argument: a `Range`, names to choose from, a text for messages, or what raises `InputError` of a value.
+    declared
+        What is said of arguments (`api.declared.Argument`).
     names
         What a program calls options of the command line, which messages name: no caller is told of words that are not
         its own.
@@ -110,7 +110,7 @@ def checked(
     """
     signature = inspect.signature(function)
     kinds = {name: kinds_of(str(entry.annotation)) for name, entry in signature.parameters.items()}
-    limits, own_names = allowed or {}, names or {}
+    said, own_names = declared or {}, names or {}
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
@@ -120,7 +120,9 @@ def checked(
         comm = ranks_of(bound.arguments.get("comm")) if own is None else own.comm
         with agreed(comm, "looking at the arguments"):
             for name, value in bound.arguments.items():
-                bound.arguments[name] = _taken(name, value, kinds[name], limits.get(name))
+                bound.arguments[name] = _taken(name, value, kinds[name], getattr(said.get(name), "allowed", None))
+            for name, one in said.items():
+                one.check(bound.arguments[name], bound.arguments)
         try:
             return function(*bound.args, **bound.kwargs)
         except PgmpError as error:
@@ -226,8 +228,6 @@ def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> 
 
 def _check(name: str, given: object, value: Any, kind: str, limits: object) -> None:
     """Refuse a value of its kind that is none of those that are allowed."""
-    if callable(limits) and value is not None:
-        limits(value)
     if isinstance(limits, Range) and kind in ("int", "float") and not limits.holds(value):
         what = "whole numbers" if kind == "int" else "numbers"
         raise InputError(f"{name} = {given!r}: allowed are {what} {limits}")

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
-from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of
+from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
 from pgmp_petsc.api.found import Found
 from pgmp_petsc.runtime.errors import InputError
 
@@ -53,6 +53,10 @@ class Argument:
         Returns names that it may be, with a line about each.
     empty
         What the option stands for without a value.
+    needs, why
+        Another argument without which this one has no part, and the reason.
+    name, kinds, default
+        What follows from the function's signature.
     """
 
     meaning: str = ""
@@ -66,6 +70,8 @@ class Argument:
     parts: Mapping[str, Argument] = field(default_factory=dict)
     listed: Callable[[], Mapping[str, str]] | None = None
     empty: str | None = None
+    needs: str = ""
+    why: str = ""
     name: str = ""
     kinds: tuple[str, ...] = ()
     default: object = None
@@ -115,9 +121,13 @@ class Argument:
             required=required,
         )  # fmt: skip
 
-    def check(self, value: object) -> None:
-        """Refuse fields of an object that are not what is said of them; raises `InputError`."""
-        for item, part in self.parts.items():
+    def check(self, value: object, others: Mapping[str, object]) -> None:
+        """Refuse what does not fit with other arguments, or inside; raises `InputError`."""
+        if self.needs and value and others[self.needs] is None:
+            raise InputError(f"{self.name}: without {self.needs} {self.why}")
+        if self.by_place and self.repeated and isinstance(value, Sequence) and not value:
+            raise wrong(self.name, value, f"{self.allowed}, and not an empty one")
+        for item, part in self.parts.items() if value is not None else ():
             given, limits = getattr(value, item), part.allowed
             kind = int if "int" in part.kinds else (int, float)
             if isinstance(limits, Range):
@@ -213,7 +223,10 @@ SHARED = {
         "File to write; it replaces an older one when it is complete.", "-o --output", "FILE", required=True
     ),
     "plot": Argument("Directory for the picture; made if it does not exist.", word="DIR"),
-    "resume": Argument("Take up what a stopped run left beside the same FILE."),
+    "resume": Argument(
+        "Take up what a stopped run left beside the same FILE.", needs="output",
+        why="nothing is kept that could be taken up; give the file's name",
+    ),
     "ranks_per_angle": Argument(
         "Ranks that share one eigenproblem; more than one where a rank's memory is too small.", word="N",
         allowed=Range(1),
@@ -263,8 +276,7 @@ def interface(**arguments: Argument) -> Callable[[Function], Function]:
             by_place = entry.default is entry.empty and not said[name].option
             declared[name] = said[name].filled(name, str(entry.annotation), entry.default, by_place)
         names = dict(pair for argument in declared.values() for pair in _names_of(argument))
-        allowed = {name: one.check if one.parts else one.allowed for name, one in declared.items()}
-        call = checked(function, allowed, names)
+        call = checked(function, declared, names)
         call.declared, call.described = declared, inspect.getdoc(function) or ""
         call.__doc__ = _docstring(call.described, declared)
         return call

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.api.arguments import Range, wrong
+from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.better import Correction, better_models
 from pgmp_petsc.api.declared import Argument, command, interface
-from pgmp_petsc.api.keeping import Keeper, check_resume, keeping
+from pgmp_petsc.api.keeping import Keeper, keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.requests import Request, Stopping, drawn_by, read_budget, read_part
 from pgmp_petsc.api.result import Result
@@ -36,8 +36,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.texts import rare
-from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble, report_of_shard
+from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble, report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -104,7 +103,7 @@ def retry_failed(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        _check_keeping(output, resume, ranks_per_sample, model or REDUCED)
+        _check_sharing(ranks_per_sample, model or REDUCED)
         origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
 
     def check(scene: Scene) -> None:
@@ -199,7 +198,7 @@ def _as_given(name: str, value: Any) -> str:
 
 
 def _report(found: object, path: Path, said: Sequence[object] = ()) -> str:
-    of = {RareEvent: rare.report, ShardSamples: report_of_shard, Ensemble: report_of_ensemble}[type(found)]
+    of = {RareEvent: report_of_rare_event, ShardSamples: report_of_shard, Ensemble: report_of_ensemble}[type(found)]
     return of(found, path, said)
 
 
@@ -277,7 +276,7 @@ def montecarlo(
     start, comm = time.monotonic(), solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         asked = Request.of(n, seed, sampler, samples, shard, correct, stopping, model or REDUCED)
-        _check_keeping(output, resume, ranks_per_sample, asked.model)
+        _check_sharing(ranks_per_sample, asked.model)
         origin = Origin.of(source, model, (*overrides, *asked.overrides), parameters)
 
     def check(scene: Scene) -> None:
@@ -305,7 +304,7 @@ def montecarlo(
     "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
     files=Argument(
         "Files of all shards, in any order.", word="FILE",
-        allowed="a list of names of shards' files, and not an empty one",
+        allowed="a list of names of shards' files",
     ),
 )  # fmt: skip
 def merge(
@@ -327,9 +326,6 @@ def merge(
     from pgmp_petsc.ensemble.shards import Shards  # as above
 
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not files:
-            raise wrong("files", files, "a list of names of shards' files, and not an empty one")
     paths = [Path(file) for file in files]
 
     def merged(place: Path) -> Ensemble:
@@ -343,9 +339,8 @@ def merge(
         return keeper.result(found, paths[0].parent)
 
 
-def _check_keeping(output: object, resume: bool, ranks_per_sample: int, model: str) -> None:
-    """Refuse what has no part in a run."""
-    check_resume(resume, output)
+def _check_sharing(ranks_per_sample: int, model: str) -> None:
+    """Refuse several ranks for what is small."""
     if ranks_per_sample > 1 and model != "full":
         what = "component modes" if model == "components" else "a reduced model"
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import Range, wrong
+from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, numbers_by_name
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
@@ -199,9 +199,6 @@ def plot(
         The folder.
     """
     comm = ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not files:
-            raise wrong("files", files, "a list of names of files, and not an empty one")
     paths, folder = [Path(file) for file in files], Path(output)
 
     def drawing_the_pictures() -> list[str]:
@@ -244,9 +241,6 @@ def write_report(
         The page.
     """
     comm = ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not results:
-            raise wrong("results", results, "a list of results or of names of files, and not an empty one")
     path, files = Path(path), []
     for number, result in enumerate(results, 1):
         if not isinstance(result, Result):

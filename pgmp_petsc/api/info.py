@@ -71,10 +71,9 @@ def _estimates(found: Contents) -> list[str]:
         of_errors = estimates.of_ensemble(ensemble)
         return [*ensemble_table.lines_of(ensemble), *of_errors, *estimates.of_balance(ensemble)]
     if found.kind == "rare_event":
-        from pgmp_petsc.texts.rare import lines_of
         from pgmp_petsc.results.rare_event import RareEvent
 
-        return lines_of(RareEvent.read(path))
+        return ensemble_table.lines_of_rare_event(RareEvent.read(path))
     if found.kind in ("sensitivities", "fit", "design"):
         from pgmp_petsc.texts.gradient_tables import lines_of_file
 

@@ -13,7 +13,7 @@ from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_folder, claimed, form_of, is_table
-from pgmp_petsc.runtime.errors import InputError, Remark
+from pgmp_petsc.runtime.errors import Remark
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -109,9 +109,3 @@ def keeping(
         return
     with claimed(comm, own, form_of(own, kind), inputs) as target:
         yield Keeper(kind, comm, own, target, on_all_ranks, folder)
-
-
-def check_resume(resume: bool, output: str | PathLike[str] | None) -> None:
-    """Refuse to take up what nobody keeps; raises `InputError`, by every rank alike."""
-    if resume and output is None:
-        raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
-from pgmp_petsc.api.keeping import check_resume, keeping
+from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
@@ -18,8 +18,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.texts.reduced_models import report_of_build
-from pgmp_petsc.texts.runs import report_of_modes
+from pgmp_petsc.texts.models import report_of_build, report_of_modes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -88,7 +87,6 @@ def build(
         With the attributes of `reduction.rom.ReducedOrderModel`.
     """
     comm = solving_ranks_of(comm)
-    check_resume(resume, output)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("rom", comm, output, on_all_ranks, inputs) as keeper:
         loaded, meshes = scene_and_meshes(scene, Purpose.BUILD, overrides, parameters, comm)

@@ -16,7 +16,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.gradient_tables import report as report_of_derivatives
-from pgmp_petsc.texts.runs import report_of_run
+from pgmp_petsc.texts.models import report_of_run
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
-from pgmp_petsc.api.keeping import check_resume, keeping
+from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
@@ -58,7 +58,6 @@ def tradeoff(
         With the attributes of `results.tradeoff.Tradeoff`.
     """
     comm = solving_ranks_of(comm)
-    check_resume(resume, output)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
         loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, overrides, parameters, comm)
