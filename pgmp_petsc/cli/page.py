@@ -22,7 +22,8 @@ arguments ([python.md](python.md)); `help(pgmp.simulate)` shows them.
 def commands_page() -> str:
     """Return the page."""
     commands = [found_command(one) for one in found() if one.name]
-    rows = [f"| [{one.name}](#pgmp-{one.name}) | {one.help} | `pgmp.{one.function.__name__}` |" for one in commands]
+    functions = [", ".join(f"`pgmp.{of.__name__}`" for of in (one.function, *one.others)) for one in commands]
+    rows = [f"| [{one.name}](#pgmp-{one.name}) | {one.help} | {of} |" for one, of in zip(commands, functions)]
     lines = [ABOUT, "| command | does | in Python |", "|---|---|---|", *rows]
     for one in commands:
         lines += ["", *_section(one)]
@@ -31,7 +32,7 @@ def commands_page() -> str:
 
 def _section(command: Command) -> Iterator[str]:
     """Yield the part of one command."""
-    arguments = command.arguments.values()
+    arguments = sorted(command.arguments.values(), key=lambda one: not one.by_place)
     words = " ".join(one.word + "..." * one.repeated for one in arguments if one.by_place)
     needed = " ".join(f"{one.options[0]} {one.word}" for one in arguments if one.options and one.required)
     yield from (f"## pgmp {command.name}", "")
