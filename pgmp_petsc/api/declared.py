@@ -16,6 +16,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -256,8 +257,9 @@ def found_command(head: Found) -> Command:
     return getattr(import_module(head.module), head.function).command
 
 
-def interface(**arguments: Argument) -> Callable[[Function], Function]:
-    """Declare a function of the Python interface: it is checked and documented by what is said of its arguments.
+def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function], Function]:
+    """Declare a function of the Python interface: it is checked and documented by what is said of its arguments, and of
+    what it `gives`.
 
     Raises
     ------
@@ -278,7 +280,7 @@ def interface(**arguments: Argument) -> Callable[[Function], Function]:
         names = dict(pair for argument in declared.values() for pair in _names_of(argument))
         call = checked(function, declared, names)
         call.declared, call.described = declared, inspect.getdoc(function) or ""
-        call.__doc__ = _docstring(call.described, declared)
+        call.__doc__ = _docstring(call.described, declared, inspect.signature(function).return_annotation, gives)
         return call
 
     return declare
@@ -293,12 +295,12 @@ def command(
     name: str, help: str, place: int, /, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
     figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
     choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
-    about: str = "", shell: Mapping[str, Argument] | None = None, **arguments: Argument,
+    about: str = "", shell: Mapping[str, Argument] | None = None, gives: str = "", **arguments: Argument,
 ) -> Callable[[Function], Function]:  # fmt: skip
-    """Declare a command, by the attributes of `Command`, and its function, as `interface` does."""
+    """Declare a command by the attributes of `Command`, and its function as `interface` does."""
 
     def declare(function: Function) -> Function:
-        call = interface(**arguments)(function)
+        call = interface(gives, **arguments)(function)
         call.__doc__ = f"{call.__doc__}\n\nThe command is ``pgmp {name}``."
         options = {key: one.filled(key, "bool", False, False) for key, one in (shell or {}).items()}
         call.command = Command(
@@ -343,8 +345,8 @@ def _paragraphs(text: str) -> str:
     return re.split(r"\n\n(?=\w+\n-{3,}\n)", text)[0]
 
 
-def _docstring(described: str, declared: Mapping[str, Argument]) -> str:
-    """Return a docstring with the section of parameters."""
+def _docstring(described: str, declared: Mapping[str, Argument], returned: object, gives: str) -> str:
+    """Return a docstring with sections of parameters and of what is returned."""
     # a command line keeps the lines of a paragraph that a backspace precedes
     said, *rest = re.split(r"\n\n(?=\w+\n-{3,}\n)", described.replace("\b\n", ""))
     lines = [f"{said} Collective on `comm`." if "\n" not in said else f"{said}\n\nCollective on `comm`."]
@@ -355,5 +357,10 @@ def _docstring(described: str, declared: Mapping[str, Argument]) -> str:
         parts = [f"{part.name}: {part.meaning}" for part in argument.parts.values()]
         allowed = ", ".join(argument.allowed) if isinstance(argument.allowed, tuple) else argument.limits
         meaning += f" Allowed: {allowed}." if allowed else ""
-        lines += [f"    {line}" for line in filter(None, (meaning, *parts))]
-    return "\n".join(["\n".join(lines), *(f"\n{section}" for section in rest)])
+        lines += [line for text in (meaning, *parts) for line in _indented(text)]
+    lines += ["", "Returns", "-------", str(returned), *_indented(gives)] if gives else []
+    return "\n".join([*lines, *(f"\n{section}" for section in rest)])
+
+
+def _indented(text: str) -> list[str]:
+    return textwrap.wrap(text, 112, initial_indent="    ", subsequent_indent="    ")

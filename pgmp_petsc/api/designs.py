@@ -75,6 +75,7 @@ def _status_of_fit(found: Fit) -> int:
             "--noise", "OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3", 0.0
         ),
     ),
+    gives="With the attributes of `results.fit.Fit`; ``converged`` says whether it did.",
 )  # fmt: skip
 def fit(
     rom: Rom | str | PathLike[str],
@@ -94,11 +95,6 @@ def fit(
     The fit begins with the values of a run (`parameters`), and keeps to the bounds of the parameters.
 
     Exit status 1 if it does not converge.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.fit.Fit`; ``converged`` says whether it did.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -140,6 +136,8 @@ def _status_of_design(found: Design) -> int:
                              allowed=Range(0, LARGEST_SEED)),
         },
     ),
+    gives="With the attributes of `results.designs.Design`; ``converged`` says whether a design was found "
+    "that meets all constraints.",
 )  # fmt: skip
 def optimize(
     rom: Rom | str | PathLike[str],
@@ -164,12 +162,6 @@ def optimize(
     pgmp optimize rom.h5 "minimise max(abs(slider_deformation))" --subject-to "r1 <= 6e-3" -o design.h5
 
     Exit status 1 if no design is found that meets all constraints.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.designs.Design`; ``converged`` says whether a design was found that meets all
-        constraints.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):

@@ -70,6 +70,7 @@ _WITHOUT = {
 
 
 @interface(
+    "With the attributes of `results.Ensemble`.",
     source=SOURCE,
     failed=Argument(
         "Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
@@ -95,11 +96,6 @@ def retry_failed(
     """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it.
 
     What else is given is as it was in the run that wrote the file.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -122,6 +118,7 @@ def retry_failed(
 
 
 @interface(
+    "With the attributes of `results.rare_event.RareEvent`.",
     source=SOURCE,
     event=Argument(
         'Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
@@ -144,13 +141,7 @@ def rare_event(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Find the probability of a rare event with at most `n` samples.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.rare_event.RareEvent`.
-    """
+    """Find the probability of a rare event with at most `n` samples."""
     from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
 
     comm = solving_ranks_of(comm)
@@ -242,6 +233,8 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
             ),
         },
     ),
+    gives="With the attributes of `results.Ensemble`, or of `results.shard.ShardSamples`. Samples that "
+    "failed are in it, with their reasons.",
 )  # fmt: skip
 def montecarlo(
     source: AnySource,
@@ -266,12 +259,6 @@ def montecarlo(
 
     Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
     --until is not met.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`, or of `results.shard.ShardSamples`. Samples that failed are in it,
-        with their reasons.
     """
     start, comm = time.monotonic(), solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -306,6 +293,7 @@ def montecarlo(
         "Files of all shards, in any order.", word="FILE",
         allowed="a list of names of shards' files",
     ),
+    gives="With the attributes of `results.Ensemble`.",
 )  # fmt: skip
 def merge(
     files: Sequence[str | PathLike[str]],
@@ -317,11 +305,6 @@ def merge(
     """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
 
     Exit status 1 if some samples failed.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`.
     """
     from pgmp_petsc.ensemble.shards import Shards  # as above
 

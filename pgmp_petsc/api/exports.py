@@ -128,6 +128,7 @@ def _is_rom(file: Path) -> bool:
 @command(
     "export", "A trajectory for ParaView, a reduced model as C99 or FMU.", 160, petsc=False, choose=_chosen,
     others=(export_model,), result=Argument("Result, or its file.", word="FILE"), output=OUTPUT,
+    gives="What was written.",
 )  # fmt: skip
 def export_result(
     result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: MPI.Comm | None = None
@@ -138,11 +139,6 @@ def export_result(
     The XDMF file refers to `result` and copies nothing: keep the two together. CSV has units in its first line.
 
     A reduced model becomes a folder of C99 (-o model/), or an FMU for co-simulation and model exchange (-o model.fmu).
-
-    Returns
-    -------
-    Path
-        What was written.
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):

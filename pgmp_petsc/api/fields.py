@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 
 @interface(
+    "By body, with the attributes of `results.body_fields.BodyField`: positions, deformation, "
+    "at_nodes, at_cells and others, an entry along the first axis for every instant.",
     rom=Argument("The reduced model."),
     run=Argument("A run of it, as from `simulate` or `read`."),
     times=Argument("Instants within the run, s."),
@@ -26,12 +28,6 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: MPI.Comm | No
     """Return bodies as they are at any instants of a run of a reduced model.
 
     Between steps the reduced coordinates are interpolated linearly: bodies keep their shape.
-
-    Returns
-    -------
-    dict of str to BodyField
-        By body, with the attributes of `results.body_fields.BodyField`: positions, deformation, at_nodes, at_cells and
-        others, an entry along the first axis for every instant.
 
     Raises
     ------

@@ -57,6 +57,7 @@ ENDINGS = (".mp4", ".gif")
         allowed=Range(0.0, 3600.0, above=True, unit="s"),
     ),
     fps=Argument("Pictures a second.", word="N", allowed=Range(0.5, 120.0)),
+    gives="The film.",
 )  # fmt: skip
 def animate(
     result: Result | str | PathLike[str],
@@ -73,11 +74,6 @@ def animate(
     """Make a film of `result`: of a trajectory's frames or, with `mode`, of a mode of a reduced model.
 
     It is written as MP4 (-o film.mp4) or GIF (-o film.gif). One rank draws.
-
-    Returns
-    -------
-    Path
-        The film.
     """
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -171,6 +167,7 @@ def _indented(text: str) -> str:
         "Instant of the picture of solids; that of the largest stress if not given.", word="SECONDS",
         allowed=Range(0.0),
     ),
+    gives="The folder.",
 )  # fmt: skip
 def plot(
     files: Sequence[str | PathLike[str]],
@@ -192,11 +189,6 @@ def plot(
     two coordinates, coordinate_path.png. Ensembles become
     densities.png and, each ensemble by itself, bands.png (outputs over time) and sobol.png (which parameters
     matter), rare events rare_event.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
-
-    Returns
-    -------
-    Path
-        The folder.
     """
     comm = ranks_of(comm)
     paths, folder = [Path(file) for file in files], Path(output)
@@ -219,6 +211,7 @@ def plot(
     path=Argument(
         "Page to write; it replaces an older one when it is complete.", "-o --output", "FILE.html", required=True
     ),
+    gives="The page.",
 )  # fmt: skip
 def write_report(
     results: Sequence[Result | str | PathLike[str]], path: str | PathLike[str], *, comm: MPI.Comm | None = None
@@ -234,11 +227,6 @@ def write_report(
 
     A page names the files that it is of: what a program holds and was not written yet is written beside it, as
     PAGE_KIND_NUMBER.h5.
-
-    Returns
-    -------
-    Path
-        The page.
     """
     comm = ranks_of(comm)
     path, files = Path(path), []

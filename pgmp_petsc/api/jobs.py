@@ -86,6 +86,7 @@ def _status(done: Done) -> int:
     n=Argument("Number of samples, where parameters have distributions.", "-n", "N", Range(1, MOST_SAMPLES)),
     seed=Argument("Random seed.", word="S", allowed=Range(0, LARGEST_SEED)),
     force=Argument("Do all steps again, also those whose files are finished."),
+    gives="Files, the page, and what failed although the run went on.",
 )  # fmt: skip
 def run(
     scene: str | PathLike[str],
@@ -107,11 +108,6 @@ def run(
 
     All files are in one folder. A later run of the same scene takes those that are finished, and takes up what was
     begun; with `force` it begins anew. Exit status 1 if a run stopped early or samples failed; the report says which.
-
-    Returns
-    -------
-    Done
-        Files, the page, and what failed although the run went on.
     """
     comm = solving_ranks_of(comm)
     path = Path(fspath(scene))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     "modes", "Eigenfrequencies over the configurations.", 50, report=report_of_modes, scene=SCENE,
     rom=Argument("Add the frequencies of this reduced model, or of its file.", word="ROM.h5"),
     angles=Argument("Angles of each coordinate; reduction.angles if not given.", word="N", allowed=Range(2, 10**6)),
+    gives="With the attributes of `results.ModesTable`.",
 )  # fmt: skip
 def frequencies(
     scene: Scene | str | PathLike[str],
@@ -41,13 +42,7 @@ def frequencies(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.ModesTable`.
-    """
+    """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced."""
     comm = solving_ranks_of(comm)
     inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
     with keeping("modes", comm, output, on_all_ranks, inputs) as keeper:
@@ -59,7 +54,10 @@ def frequencies(
         return keeper.result(table, directory_of(scene), loaded.remarks)
 
 
-@command("build", "Build the reduced model of a scene (offline).", 40, report=report_of_build, scene=SCENE)
+@command(
+    "build", "Build the reduced model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
+    gives="With the attributes of `reduction.rom.ReducedOrderModel`.",
+)
 def build(
     scene: Scene | str | PathLike[str],
     *,
@@ -80,11 +78,6 @@ def build(
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; `resume` takes them up,
     with any number of ranks. With a tolerance it is the runs that errors are measured against.
-
-    Returns
-    -------
-    Rom
-        With the attributes of `reduction.rom.ReducedOrderModel`.
     """
     comm = solving_ranks_of(comm)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)

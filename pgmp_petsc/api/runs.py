@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@command("simulate", "One run over time, reduced or full-order.", 60, report=report_of_run, source=SOURCE)
+@command(
+    "simulate", "One run over time, reduced or full-order.", 60, report=report_of_run, source=SOURCE,
+    gives="With the attributes of `results.Trajectory`.",
+)
 def simulate(
     source: AnySource,
     parameters: Parameters | None = None,
@@ -36,11 +39,6 @@ def simulate(
     """Run a reduced model, or with `model` the full-order or the component model of a scene.
 
     A run that stops before its end has exit status 1; what was computed is written.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Trajectory`.
 
     Raises
     ------
@@ -70,6 +68,7 @@ def simulate(
         "Differentiate with parameter NAME, instead of all of the scene.", "--parameter", "NAME",
         "a list of parameters' names, such as ['r1']",
     ),
+    gives="With the attributes of `results.Derivatives`.",
 )  # fmt: skip
 def sensitivities(
     rom: Rom | str | PathLike[str],
@@ -86,11 +85,6 @@ def sensitivities(
 
     Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
     one run. Printed are the effects of one standard deviation of each parameter, the largest first.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Derivatives`.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):

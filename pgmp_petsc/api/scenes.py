@@ -69,6 +69,7 @@ def _templates() -> dict[str, str]:
     template=Argument("Name of the scene to begin with.", listed=_templates),
     file=Argument("The scene's file.", word="FILE.toml"),
     force=Argument("Replace files that exist."),
+    gives="What was written.",
 )  # fmt: skip
 def new(
     template: str, file: str | PathLike[str], *, force: bool = False, comm: MPI.Comm | None = None
@@ -76,11 +77,6 @@ def new(
     """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
 
     It runs as it is: pgmp run `file`
-
-    Returns
-    -------
-    list of Path
-        What was written.
     """
     comm = ranks_of(comm)
     written = on_root(comm, write_template, template, Path(file), force)
@@ -100,6 +96,7 @@ def _shown(text: str, path: Path | None, said: object) -> str:
     output=Argument(
         "File to write; standard output has the JSON schema if it is not given.", "-o --output", "FILE.json|FILE.md"
     ),
+    gives="The text; the JSON schema where there is no file.",
 )  # fmt: skip
 def schema(output: str | PathLike[str] | None = None, *, comm: MPI.Comm | None = None) -> str:
     """Write the JSON schema of scenes for editors (FILE.json), or all entries of a scene as a page (FILE.md).
@@ -107,11 +104,6 @@ def schema(output: str | PathLike[str] | None = None, *, comm: MPI.Comm | None =
     An editor with a TOML language server (Even Better TOML, taplo) completes and checks a scene whose first line is
 
         #:schema FILE.json
-
-    Returns
-    -------
-    str
-        The text; the JSON schema where there is no file.
     """
     comm = ranks_of(comm)
     target = None if output is None else Path(output)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     "tradeoff", "What accuracy costs in time, and which setting to take.", 90, report=report, scene=SCENE,
     quick=Argument("Measure fewer settings: within a minute for a small scene."),
     n=Argument("Number of samples that the advice is for.", "-n", "N", Range(1, MOST_SAMPLES)),
+    gives="With the attributes of `results.tradeoff.Tradeoff`.",
 )  # fmt: skip
 def tradeoff(
     scene: Scene | str | PathLike[str],
@@ -51,11 +52,6 @@ def tradeoff(
 
     Finished settings are kept in FILE.partial until the file is written; `resume` takes them up, with any number of
     ranks.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.tradeoff.Tradeoff`.
     """
     comm = solving_ranks_of(comm)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
