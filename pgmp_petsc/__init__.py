@@ -9,35 +9,13 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-#: Names of the interface, and the modules that have them.
-_NAMES = {
+#: Classes of the interface, and the modules that have them; its functions are found (`api.found`).
+_CLASSES = {
     "Scene": "scene",
-    "load": "api.scenes",
-    "compose": "api.scenes",
-    "check": "api.checks",
-    "build": "api.modes",
-    "read": "api.files",
-    "contents": "api.contents",
-    "run": "api.jobs",
-    "simulate": "api.runs",
-    "sensitivities": "api.runs",
-    "montecarlo": "api.ensembles",
-    "retry_failed": "api.ensembles",
-    "rare_event": "api.ensembles",
-    "merge": "api.ensembles",
     "Shard": "ensemble.allotment",
     "Correction": "api.better",
     "Stopping": "api.requests",
-    "fit": "api.designs",
-    "optimize": "api.designs",
     "Robust": "api.designs",
-    "tradeoff": "api.tradeoffs",
-    "frequencies": "api.modes",
-    "fields": "api.fields",
-    "export_model": "api.exports",
-    "export_result": "api.exports",
-    "animate": "api.films",
-    "write_report": "api.films",
     "Result": "api.result",
     "Rom": "api.result",
     "StoppedRun": "api.result",
@@ -45,16 +23,28 @@ _NAMES = {
     "InputError": "runtime.errors",
     "RunError": "runtime.errors",
 }
-__all__ = ["__version__", *_NAMES]
+
+
+def _modules() -> dict[str, str]:
+    """Return the names of the interface, and the modules that have them."""
+    functions = import_module("pgmp_petsc.api.found").found()
+    return {name: f"pgmp_petsc.{module}" for name, module in _CLASSES.items()} | {
+        one.function: one.module for one in functions
+    }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _NAMES:
-        raise AttributeError(f"module 'pgmp_petsc' has no attribute '{name}'; its interface: {', '.join(_NAMES)}")
-    if _NAMES[name].startswith("api."):
+    if name.startswith("__") and name != "__all__":  # what Python itself looks for
+        raise AttributeError(f"module 'pgmp_petsc' has no attribute '{name}'")
+    modules = _modules()
+    if name == "__all__":
+        return ["__version__", *modules]
+    if name not in modules:
+        raise AttributeError(f"module 'pgmp_petsc' has no attribute '{name}'; its interface: {', '.join(modules)}")
+    if modules[name].startswith("pgmp_petsc.api."):
         import_module("pgmp_petsc.runtime.surroundings").check_variables()
-    return getattr(import_module(f"pgmp_petsc.{_NAMES[name]}"), name)
+    return getattr(import_module(modules[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_NAMES})
+    return sorted({*globals(), *_modules()})

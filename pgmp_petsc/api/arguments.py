@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache, wraps
 from os import PathLike, fsencode, fspath
 from typing import Any, TypeVar
@@ -13,8 +17,7 @@ import numpy as np
 
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, shortened
-from pgmp_petsc.scene.messages import inline_toml
+from pgmp_petsc.runtime.errors import InputError, PgmpError, shortened
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -42,24 +45,63 @@ ALLOWED = {
     "int": "whole numbers",
     "float": "finite numbers",
     "bool": "True and False",
-    "names": "a list of parameters' names, such as ['r1']",
-    "subject_to": "a list of constraints, such as ['r1 <= 6e-3']",
-    "event": "a text such as 'slider_deformation < -2e-4'",
-    "goal": "a text such as 'minimise max(abs(angle))'",
-    "files": "a list of names of shards' files, and not an empty one",
-    "failed": "the file of an ensemble",
-    "samples": TABLE,
-    "measured": "the name of a CSV file",
-    "at": "angles (rad) by the names of coordinates, such as {'theta': 0.5}",
-    "noise": "a mapping of outputs to standard deviations",
 }
 _PLAIN = ("int", "float", "bool")  # whose value says more than its type
 
 
-def checked(function: Function) -> Function:
+# whether a command line calls, in whose words messages of the program are
+_of_command_line: ContextVar[bool] = ContextVar("of_command_line", default=False)
+# a command line that a message quotes, which stays as it is, or an option
+_OPTION = re.compile(r"pgmp [^;,.)]*|(?<![\w-])(?:--[a-z][a-z-]+|-[a-z])(?![\w-])")
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers that an argument may be.
+
+    Attributes
+    ----------
+    least, most
+        The ends, which belong to it; None where it has none above.
+    above
+        Whether the lower end does not belong to it.
+    unit
+        Of the ends, for messages.
+    """
+
+    least: float
+    most: float | None = None
+    above: bool = False
+    unit: str = ""
+
+    def holds(self, value: float) -> bool:
+        """Return whether a number is in it."""
+        begins = value > self.least if self.above else value >= self.least
+        return begins and (self.most is None or value <= self.most)
+
+    def __str__(self) -> str:
+        least, most = (x if isinstance(x, int) else None if x is None else f"{x:g}" for x in (self.least, self.most))
+        join = "and at most" if self.above else "to"
+        end = "" if most is None else f" {join} {most}"
+        return f"{'above' if self.above else 'from'} {least}{end}{f' {self.unit}' if self.unit else ''}"
+
+
+def checked(
+    function: Function, declared: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
+) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
     Numbers of numpy become Python's, None stands for no overrides.
+
+    Parameters
+    ----------
+    function
+        The function.
+    declared
+        What is said of arguments (`api.declared.Argument`).
+    names
+        What a program calls options of the command line, which messages name: no caller is told of words that are not
+        its own.
 
     Raises
     ------
@@ -67,19 +109,38 @@ def checked(function: Function) -> Function:
         From the function, on all ranks, if an argument is something else.
     """
     signature = inspect.signature(function)
-    kinds = {name: _alternatives(str(entry.annotation)) for name, entry in signature.parameters.items()}
+    kinds = {name: kinds_of(str(entry.annotation)) for name, entry in signature.parameters.items()}
+    said, own_names = declared or {}, names or {}
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
         bound = signature.bind(*given, **named)
+        bound.apply_defaults()
         own = bound.arguments.get("self")
         comm = ranks_of(bound.arguments.get("comm")) if own is None else own.comm
         with agreed(comm, "looking at the arguments"):
             for name, value in bound.arguments.items():
-                bound.arguments[name] = _taken(name, value, kinds[name])
-        return function(*bound.args, **bound.kwargs)
+                bound.arguments[name] = _taken(name, value, kinds[name], getattr(said.get(name), "allowed", None))
+            for name, one in said.items():
+                one.check(bound.arguments[name], bound.arguments)
+        try:
+            return function(*bound.args, **bound.kwargs)
+        except PgmpError as error:
+            if own_names and not _of_command_line.get():
+                error.args = (_OPTION.sub(lambda found: own_names.get(found[0], found[0]), str(error)), *error.args[1:])
+            raise
 
     return call
+
+
+@contextmanager
+def by_command_line() -> Iterator[None]:
+    """Leave messages of calls within the block in the words of a command line."""
+    token = _of_command_line.set(True)
+    try:
+        yield
+    finally:
+        _of_command_line.reset(token)
 
 
 def wrong(what: str, received: object, allowed: str) -> InputError:
@@ -92,6 +153,8 @@ def overrides_of(overrides: object) -> tuple[str, ...]:
     if overrides is None:
         return ()
     if isinstance(overrides, Mapping):
+        from pgmp_petsc.scene.messages import inline_toml  # with all that a scene may say, which results need not
+
         return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
     if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
         raise InputError(
@@ -133,7 +196,7 @@ def plain(value: object) -> Any:
 
 
 @cache
-def _alternatives(annotation: str) -> tuple[str, ...]:
+def kinds_of(annotation: str) -> tuple[str, ...]:
     """Return the kinds that an annotation joins: of ``Sequence[str | int] | None`` the two."""
     kinds: list[str] = []
     for part in annotation.split(" | "):
@@ -144,22 +207,32 @@ def _alternatives(annotation: str) -> tuple[str, ...]:
     return tuple(kind for kind in kinds if kind != "str" or "PathLike[str]" not in kinds)
 
 
-def _taken(name: str, value: object, kinds: tuple[str, ...]) -> Any:
+def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> Any:
     """Return an argument as functions take it."""
     for kind in kinds:
         if kind not in _TAKEN:
             return value  # the function's own to look at
         found = _TAKEN[kind](value)
         if found is not NotImplemented:
+            _check(name, value, found, kind, limits)
             return found
     kind = next(kind for kind in kinds if kind != "None")
-    allowed = ALLOWED.get(name) or ALLOWED[kind]
+    text = limits if isinstance(limits, str) else ALLOWED[kind]
     if kind in ("Scene", "Rom", "Result") and "PathLike[str]" in kinds:
-        allowed += ", or its file"
+        text += ", or its file"
     if kind in _PLAIN or isinstance(value, str) and kind.startswith(("PathLike", "Sequence")):
         verb = "are" if kind in _PLAIN else "is"
-        raise InputError(f"{name} = {shortened(repr(value))}: allowed {verb} {allowed}")
-    raise wrong(name, value, allowed)
+        raise InputError(f"{name} = {shortened(repr(value))}: allowed {verb} {text}")
+    raise wrong(name, value, text)
+
+
+def _check(name: str, given: object, value: Any, kind: str, limits: object) -> None:
+    """Refuse a value of its kind that is none of those that are allowed."""
+    if isinstance(limits, Range) and kind in ("int", "float") and not limits.holds(value):
+        what = "whole numbers" if kind == "int" else "numbers"
+        raise InputError(f"{name} = {given!r}: allowed are {what} {limits}")
+    if isinstance(limits, tuple) and kind == "str" and value not in limits:
+        raise InputError(f"{name} = {shortened(repr(given))}: allowed are {', '.join(limits)}")
 
 
 def _whole(value: object) -> object:

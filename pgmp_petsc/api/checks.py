@@ -1,4 +1,4 @@
-"""What a program's scene is, before anything is solved."""
+"""What a scene is, before anything is solved."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
-from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import scene_and_meshes
+from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import SCENE, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
 
@@ -42,6 +43,8 @@ class Checked:
         What a build will take; None where it was not tried, or there are no continuum bodies.
     sizes
         Sizes of all effects; None where they were not asked for.
+    tried, name
+        Whether a trial was asked for, and what messages call the scene.
     """
 
     scene: Scene
@@ -50,6 +53,8 @@ class Checked:
     picture: Path | None = None
     trial: Trial | None = None
     sizes: EffectSizes | None = None
+    tried: bool = False
+    name: str = "the scene"
 
     @property
     def trial_text(self) -> str:
@@ -64,7 +69,34 @@ class Checked:
         return summary_of_scene(self.scene, self.meshes) | {k: v for k, v in found.items() if v is not None}
 
 
-@checked
+def _report(found: Checked, name: Path, said: object, strict: bool) -> str:
+    """Return what was found besides the scene itself, which was printed before."""
+    lines = [] if found.picture is None else [f"  picture       {found.picture}"]
+    lines += [found.trial_text] if found.tried else []
+    return "\n".join([*lines, *([] if found.sizes is None else found.sizes.lines())])
+
+
+def _figures(found: Checked, strict: bool) -> dict[str, Any]:
+    return found.summary() | ({"trial": found.trial} if found.tried else {})
+
+
+def _status(found: Checked, strict: bool) -> int:
+    if strict and found.scene.remarks:
+        warnings = counted(len(found.scene.remarks), "warning")
+        raise InputError(f"{found.name}: {warnings}, see above, and --strict takes none")
+    return 0
+
+
+@command(
+    "check", "Validate a scene and say what is in it.", 30, report=_report, figures=_figures, status=_status,
+    scene=SCENE,
+    effects=Argument("Also estimate the size of every available effect: what to keep, what to leave."),
+    trial=Argument("Also factorise the largest continuum body, and predict time and memory."),
+    picture=Argument(
+        "Also draw the assembled mechanism with the names of bodies, joints and points.", "--plot", "FILE.png"
+    ),
+    shell={"strict": Argument("End with status 2 if there are warnings.")},
+)  # fmt: skip
 def check(
     scene: Scene | str | PathLike[str],
     *,
@@ -75,33 +107,22 @@ def check(
     overrides: Overrides = (),
     comm: MPI.Comm | None = None,
 ) -> Checked:
-    """Look whether a scene is sound and what is in it, as ``pgmp check``. Collective on `comm`.
+    """Validate `scene` and print its bodies, unknowns, active effects and estimated memory; solve nothing.
 
-    Parameters
-    ----------
-    scene, parameters, overrides
-        As of `build`.
-    effects
-        Whether to estimate the size of every effect that there is.
-    trial
-        Whether to factorise the largest continuum body, which tells what a build will take.
-    picture
-        File to draw the assembled mechanism in, with the names of bodies, joints and points.
+    With `trial` the largest continuum body is factorised once on all ranks, which tells what a build will take. With
+    `effects` the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations; bodies
+    of continuum elements are condensed for that, as in a build.
 
-    Raises
-    ------
-    InputError
-        If the scene cannot be meant, or the picture cannot be written.
+    What cannot be meant is refused with its entry's name. What probably is not meant is named in a warning: with
+    `strict` these end the check with status 2 too.
     """
     comm = solving_ranks_of(comm) if effects or trial else ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        texts, settings = overrides_of(overrides), settings_of(parameters)
-        target = None if picture is None else Path(picture)
+    target = None if picture is None else Path(picture)
     inputs = () if isinstance(scene, Scene) else (Path(fspath(scene)),)
     if target is not None:
         on_root(comm, check_output, target, "picture", inputs)
     purpose = Purpose.SIZES if effects else Purpose.CHECK
-    loaded, meshes = scene_and_meshes(scene, purpose, texts, settings, comm)
+    loaded, meshes = scene_and_meshes(scene, purpose, overrides, parameters, comm)
     text = on_root(comm, describe_scene, loaded, meshes)
     tell(comm, text)
     tell_remarks(comm, loaded.remarks)
@@ -112,6 +133,8 @@ def check(
         None if target is None else on_root(comm, _draw, loaded, meshes, target),
         _tried(loaded, meshes, comm) if trial else None,
         _sizes(loaded, meshes, comm) if effects else None,
+        trial,
+        "the scene" if isinstance(scene, Scene) else fspath(scene),
     )
 
 

@@ -1,4 +1,4 @@
-"""Parameters that a program looks for: those that fit a measured history, and those that meet a goal best."""
+"""Parameters that are looked for: those that fit a measured history, and those that meet a goal best."""
 
 from __future__ import annotations
 
@@ -8,25 +8,29 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, numbers_by_name
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
-from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit as fitted
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import read_history
 from pgmp_petsc.studies.optimization import designed_parameters, optimize as designed
+from pgmp_petsc.texts.gradient_tables import report_of_design, report_of_fit
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+    from pgmp_petsc.results.designs import Design
+    from pgmp_petsc.results.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -45,16 +49,34 @@ class Robust:
     n: int = 64
     seed: int = 1
 
-    def check(self) -> None:
-        """Refuse what are no numbers of the kind."""
-        is_number = isinstance(self.deviations, (int, float)) and not isinstance(self.deviations, bool)
-        if not is_number or not 0.0 <= self.deviations < float("inf"):
-            raise InputError(f"robust.deviations = {self.deviations!r}: allowed are numbers from 0")
-        check_whole("robust.n", self.n, 2, MOST_SAMPLES)
-        check_whole("robust.seed", self.seed, 0, LARGEST_SEED)
+
+ROM = Argument("Reduced model, or its file.", word="ROM.h5")
+NAMES = "a list of parameters' names, such as ['r1']"
 
 
-@checked
+def _status_of_fit(found: Fit) -> int:
+    if not found.converged:
+        raise RunError("the fit did not converge")
+    return 0
+
+
+@command(
+    "fit", "Fit parameters to a measured history.", 110, report=report_of_fit, status=_status_of_fit, about="measured",
+    rom=ROM, output=OPTIONAL_OUTPUT,
+    measured=Argument(
+        "CSV file whose first line names its columns: time (s), and outputs of the scene in SI units.",
+        word="MEASURED.csv", allowed="the name of a CSV file",
+    ),
+    names=Argument("Fit parameter NAME, instead of all with a distribution.", "--parameter", "NAME", NAMES),
+    noise=Argument(
+        "Standard deviation of an output's noise, SI units; found from what is left where it is not given.",
+        word="OUTPUT=NUMBER", allowed="a mapping of outputs to standard deviations",
+        read=numbers_by_name(
+            "--noise", "OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3", 0.0
+        ),
+    ),
+    gives="With the attributes of `results.fit.Fit`; ``converged`` says whether it did.",
+)  # fmt: skip
 def fit(
     rom: Rom | str | PathLike[str],
     measured: str | PathLike[str],
@@ -64,44 +86,59 @@ def fit(
     parameters: Parameters | None = None,
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Fit parameters to a measured history by least squares, as ``pgmp fit``. Collective on `comm`.
+    """Fit parameters of the reduced model `rom` to the history in `measured` by least squares.
 
-    Parameters
-    ----------
-    rom, parameters, overrides, output, on_all_ranks
-        As of `sensitivities`; the fit begins with the values of `parameters`.
-    measured
-        CSV file whose first line names its columns: time (s), and outputs of the scene in SI units.
-    names
-        Parameters to fit; where none is named all with a distribution.
-    noise
-        Standard deviations of outputs' noise, SI units; found from what is left where they are not given.
+    The fit begins with the values of a run (`parameters`), and keeps to the bounds of the parameters.
 
-    Returns
-    -------
-    Result
-        With the attributes of `results.fit.Fit`; ``converged`` says whether it did.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
+    Exit status 1 if it does not converge.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         deviations = _deviations(noise or {})
         origin = Origin.of(rom, None, overrides, parameters)
-    with keeping("fit", comm, output, on_all_ranks, (origin.path, measured)) as keeper:
+    with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
         model = origin.settled(comm)
         history = on_root(comm, read_history, Path(measured), model.outputs, model.scene.simulation.duration)
         found = fitted(model, history, tuple(names), deviations, comm)
         return keeper.result(found, origin.directory, model.scene.remarks)
 
 
-@checked
+def _status_of_design(found: Design) -> int:
+    if not found.converged:
+        why = next((remark.text for remark in found.record.remarks if remark.kind == "warning"), "see the remarks")
+        raise RunError(f"no design was found that meets all that was asked for: {why}")
+    return 0
+
+
+@command(
+    "optimize", "Find the parameters that meet a goal best.", 120, report=report_of_design, status=_status_of_design,
+    about="rom", rom=ROM, output=OPTIONAL_OUTPUT,
+    goal=Argument("What the design is for.", allowed="a text such as 'minimise max(abs(angle))'"),
+    names=Argument(
+        "Design parameter NAME, instead of all with bounds or a distribution.", "--parameter", "NAME", NAMES
+    ),
+    subject_to=Argument(
+        "What the design must keep.", word="CONSTRAINT", allowed="a list of constraints, such as ['r1 <= 6e-3']"
+    ),
+    robust=Argument(
+        "Figures over samples.", allowed="pgmp.Robust(deviations, n, seed)", made=Robust,
+        parts={
+            "deviations": Argument(
+                "Take the mean and K standard deviations of every figure over samples, instead of nominal runs.",
+                "--robust", "K", Range(0.0), required=True,
+            ),
+            "n": Argument(f"Samples of --robust; {Robust.n} if not given.", "--samples", "N", Range(2, MOST_SAMPLES)),
+            "seed": Argument(f"Of the samples of --robust; {Robust.seed} if not given.", word="S",
+                             allowed=Range(0, LARGEST_SEED)),
+        },
+    ),
+    gives="With the attributes of `results.designs.Design`; ``converged`` says whether a design was found "
+    "that meets all constraints.",
+)  # fmt: skip
 def optimize(
     rom: Rom | str | PathLike[str],
     goal: str,
@@ -112,39 +149,24 @@ def optimize(
     parameters: Parameters | None = None,
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Find the parameters that meet a goal best, as ``pgmp optimize``. Collective on `comm`.
+    """Find the parameters of the reduced model `rom` that meet `goal` best.
 
-    Parameters
-    ----------
-    rom, parameters, overrides, output, on_all_ranks
-        As of `sensitivities`.
-    goal, subject_to
-        Such as ``"minimise max(abs(angle))"``, and constraints such as ``"r1 <= 6e-3"`` (docs/gradients.md).
-    names
-        Parameters of the design; where none is named all with bounds or a distribution.
-    robust
-        Samples whose figures are taken; nominal runs where it is not given.
+    `goal` is "minimise ..." or "maximise ...", a CONSTRAINT is "... <= ..." or "... >= ...": sums, products and powers
+    of numbers, parameters, and figures of outputs: max, min, mean, rms, start and end of an output or of its abs.
 
-    Returns
-    -------
-    Result
-        With the attributes of `results.design.Design`; ``converged`` says whether a design was found that meets all
-        constraints.
+    \b
+    pgmp optimize rom.h5 "minimise max(abs(slider_deformation))" --subject-to "r1 <= 6e-3" -o design.h5
 
-    Raises
-    ------
-    InputError, RunError
-        As the command.
+    Exit status 1 if no design is found that meets all constraints.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        if robust is not None:
-            robust.check()
         origin = Origin.of(rom, None, overrides, parameters)
-    with keeping("design", comm, output, on_all_ranks, (origin.path,)) as keeper:
+    with keeping("design", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         model = origin.settled(comm)
         with agreed(comm, "reading the goal"):
             question = _question(model.scene, tuple(model.outputs.functions), goal, subject_to, names, robust)

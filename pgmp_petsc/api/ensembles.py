@@ -1,38 +1,42 @@
-"""Many runs of a program: ensembles, their shards and failed samples, and rare events."""
+"""Many runs: ensembles, their shards and failed samples, and rare events."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.arguments import checked, wrong
+import numpy as np
+
+from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.better import Correction, better_models
+from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.keeping import Keeper, keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
-from pgmp_petsc.api.requests import Request, Stopping, check_whole
+from pgmp_petsc.api.requests import Request, Stopping, drawn_by, read_budget, read_part
 from pgmp_petsc.api.result import Result
-from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of
-from pgmp_petsc.api.sources import REDUCED, AnySource, Origin
-from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES, Plan, Shard
+from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Origin
+from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
-from pgmp_petsc.results.shard import read_shard
+from pgmp_petsc.results.rare_event import KIND as RARE_EVENT, RareEvent
+from pgmp_petsc.results.shard import ShardSamples, read_shard
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble, report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -40,7 +44,198 @@ if TYPE_CHECKING:
     from pgmp_petsc.models import FullModel
 
 
-@checked
+PER_SAMPLE = Argument(
+    "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.", word="N",
+    allowed=Range(1),
+)
+NUMBER = Argument(
+    "Number of samples; with `samples` all that the file has, if not given.", "-n", "N", Range(1, MOST_SAMPLES)
+)
+SEED = Argument(
+    "Random seed; its samples are the same for any number of ranks.", word="S", allowed=Range(0, LARGEST_SEED)
+)
+SAMPLER = Argument("How samples are chosen; otherwise as ensemble.sampler says.", allowed=SAMPLERS)
+# why options of ensembles have no part in the search for a rare event
+_FOLLOW = "samples follow from those before them"
+_WITHOUT = {
+    "sampler": _FOLLOW,
+    "samples": _FOLLOW,
+    "shard": _FOLLOW,
+    "resume": "its samples are not kept on the way, so that a killed run begins anew",
+    "ranks_per_sample": "ranks take samples of their own",
+    "correct": "better models would have rare events of their own",
+    "stopping": "its own rule says when enough is known, and it takes the samples that it is given",
+    "failed": "it has no samples to be tried again",
+}
+
+
+@interface(
+    "With the attributes of `results.Ensemble`.",
+    source=SOURCE,
+    failed=Argument(
+        "Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
+        "--retry-failed", "FILE", "the file of an ensemble",
+    ),
+    sampler=SAMPLER,
+    ranks_per_sample=PER_SAMPLE,
+)  # fmt: skip
+def retry_failed(
+    source: AnySource,
+    failed: str | PathLike[str],
+    *,
+    sampler: str | None = None,
+    parameters: Parameters | None = None,
+    model: str | None = None,
+    overrides: Overrides = (),
+    ranks_per_sample: int = 1,
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
+    on_all_ranks: bool = True,
+    comm: MPI.Comm | None = None,
+) -> Result:
+    """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it.
+
+    What else is given is as it was in the run that wrote the file.
+    """
+    comm = solving_ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        _check_sharing(ranks_per_sample, model or REDUCED)
+        origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
+
+    def check(scene: Scene) -> None:
+        refuse_drawn(scene, origin.settings)
+
+    with ExitStack() as stack:
+        group = stack.enter_context(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
+        keeper = stack.enter_context(keeping("ensemble", comm, output, on_all_ranks, (origin.path, failed)))
+        place = stack.enter_context(_place_of(keeper))
+        prepared = origin.settled(comm, check, many=True)
+        _say_if_small(prepared, ranks_per_sample, comm)
+        earlier = on_root(comm, read_earlier, Path(failed), prepared)
+        plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
+        found = run_ensemble(prepared, plan, group, earlier=earlier)
+        return _kept(keeper, found, plan, origin, prepared.scene)
+
+
+@interface(
+    "With the attributes of `results.rare_event.RareEvent`.",
+    source=SOURCE,
+    event=Argument(
+        'Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
+        "for any time in the run, or the label of one of ensemble.probabilities.", "--rare", "EVENT",
+        "a text such as 'slider_deformation < -2e-4'",
+    ),
+    n=NUMBER,
+    seed=SEED,
+)  # fmt: skip
+def rare_event(
+    source: AnySource,
+    event: str,
+    n: int,
+    seed: int = 0,
+    *,
+    parameters: Parameters | None = None,
+    model: str | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: MPI.Comm | None = None,
+) -> Result:
+    """Find the probability of a rare event with at most `n` samples."""
+    from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
+
+    comm = solving_ranks_of(comm)
+    with agreed(comm, "looking at the arguments"):
+        origin = Origin.of(source, model, overrides, parameters)
+
+    def check(scene: Scene) -> None:
+        refuse_drawn(scene, origin.settings)
+        event_of(event, scene)
+
+    with keeping(RARE_EVENT, comm, output, on_all_ranks, (origin.path,)) as keeper:
+        prepared = origin.settled(comm, check, many=True)
+        found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
+        return keeper.result(found, origin.directory, prepared.scene.remarks)
+
+
+def choose(given: Mapping[str, Any], comm: MPI.Comm) -> Callable[..., Result]:
+    """Return which function samples are integrated by; refuse what has no part in it."""
+    if "event" in given:
+        for name in _WITHOUT:
+            if name in given and (name, given[name]) != ("ranks_per_sample", 1):
+                raise InputError(f"{_as_given(name, given[name])} with --rare: {_WITHOUT[name]}; leave it out")
+        if "n" not in given:
+            raise InputError("-n: missing; give the number of samples that --rare may take at most")
+        return rare_event
+    if "failed" in given:
+        for name in ("n", "seed", "samples", "shard", "correct", "stopping"):
+            if name in given:
+                option = _as_given(name, given[name]).split()[0]
+                raise InputError(
+                    f"{option}: --retry-failed {given['failed']} takes samples and their number from the file; leave "
+                    "one of them out"
+                )
+        return retry_failed
+    return montecarlo
+
+
+def _as_given(name: str, value: Any) -> str:
+    """Return an option with its value as a command line has it."""
+    if name == "stopping":
+        return f'--until "{value.until[0]}"' if value.until else f"--budget {value.budget:g}s"
+    option = montecarlo.declared.get(name, retry_failed.declared.get(name)).called
+    shown = value[0].text if name == "correct" else value
+    return option if value is True else f"{option} {shown}"
+
+
+def _report(found: object, path: Path, said: Sequence[object] = ()) -> str:
+    of = {RareEvent: report_of_rare_event, ShardSamples: report_of_shard, Ensemble: report_of_ensemble}[type(found)]
+    return of(found, path, said)
+
+
+def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
+    """Return 1 where samples failed, a rule is not met, or a rare event is not reached."""
+    failed = bool(np.any(found.status != 0))
+    if isinstance(found, RareEvent):
+        return int(failed or not found.reached)
+    if isinstance(found, ShardSamples):
+        return int(failed)
+    failed = failed or found.joined is not None and found.joined.n_failed > 0
+    return int(failed or found.stopping is not None and not found.stopping.is_met)
+
+
+@command(
+    "montecarlo", "Many samples and their distributions.", 70, report=_report, status=exit_status, choose=choose,
+    others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
+    samples=Argument(
+        "Take the samples of a CSV or HDF5 file, columns named as parameters, SI units; in a program also of a "
+        "DataFrame, or of a mapping of names to numbers.", word="TABLE",
+        allowed="a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers",
+    ),
+    shard=Argument(
+        "Integrate part I of K parts alone; pgmp merge joins their files to the whole.", word="I/K",
+        allowed="pgmp.Shard(number, count), such as pgmp.Shard(2, 8)", read=read_part,
+    ),
+    correct=Argument(
+        "Run the first K samples with a better MODEL too (full or components; /D: steps D times as short), and give "
+        "its mean, deviation and probabilities; K may be auto with --budget.", word="[SCENE:]MODEL[/D]=K",
+        allowed="a list of pgmp.Correction(model, n)", read=lambda texts: [Correction.read(text) for text in texts],
+    ),
+    stopping=Argument(
+        allowed="pgmp.Stopping(until, budget)", made=Stopping,
+        parts={
+            "until": Argument(
+                "Stop when a figure is known well enough, such as 'std(angle) < 1 %' or 'P(angle > 3) +- 0.002'.",
+                word="RULE",
+            ),
+            "budget": Argument(
+                "Stop in time: 60s, 10min or 2h from the start of the command.", word="TIME", read=read_budget
+            ),
+        },
+    ),
+    gives="With the attributes of `results.Ensemble`, or of `results.shard.ShardSamples`. Samples that "
+    "failed are in it, with their reasons.",
+)  # fmt: skip
 def montecarlo(
     source: AnySource,
     n: int | None = None,
@@ -60,49 +255,16 @@ def montecarlo(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Integrate samples and describe their distributions, as ``pgmp montecarlo``. Collective on `comm`.
+    """Integrate samples of a reduced model (or with `model` of a scene) and describe their distributions.
 
-    Parameters
-    ----------
-    source, parameters, model, overrides, on_all_ranks
-        As of `simulate`; parameters are those that are not drawn.
-    n
-        Number of samples; may be left out with `samples`, or with a budget.
-    seed
-        Of the random streams: the same samples for any number of ranks.
-    sampler
-        ``random``, ``latin_hypercube``, ``sobol`` or ``saltelli``; otherwise as ``ensemble.sampler`` says.
-    samples
-        What the samples are from, columns named as parameters, SI units: a CSV or HDF5 file, a DataFrame, or a mapping
-        of names to numbers, of which those of the first rank count.
-    shard
-        Which part of the samples is integrated alone; `merge` joins the files of all.
-    correct
-        Better models, which run the first samples too.
-    stopping
-        What ends it before its last sample.
-    ranks_per_sample
-        Ranks that share one sample of the full-order model.
-    output, resume
-        File to write, beside which finished samples are kept until then, and whether to take up what a killed run left
-        there. Without a file nothing is kept on the way.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`, or of `results.shard.ShardSamples`. Samples that failed are in it,
-        with their reasons.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
+    Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
+    --until is not met.
     """
     start, comm = time.monotonic(), solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         asked = Request.of(n, seed, sampler, samples, shard, correct, stopping, model or REDUCED)
-        _check_keeping(output, resume, ranks_per_sample, asked.model)
-        origin = Origin.of(source, model, (*overrides_of(overrides), *asked.overrides), parameters)
+        _check_sharing(ranks_per_sample, asked.model)
+        origin = Origin.of(source, model, (*overrides, *asked.overrides), parameters)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)
@@ -125,116 +287,14 @@ def montecarlo(
         return _kept(keeper, found, plan, origin, prepared.scene)
 
 
-@checked
-def retry_failed(
-    source: AnySource,
-    failed: str | PathLike[str],
-    *,
-    parameters: Parameters | None = None,
-    model: str | None = None,
-    overrides: Overrides = (),
-    ranks_per_sample: int = 1,
-    output: str | PathLike[str] | None = None,
-    resume: bool = False,
-    on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
-) -> Result:
-    """Try the failed samples of an ensemble's file further, with smaller steps, and take the others from it, as ``pgmp
-    montecarlo --retry-failed``. Collective on `comm`.
-
-    Parameters
-    ----------
-    source, parameters, model, overrides, ranks_per_sample, output, resume, on_all_ranks
-        As of `montecarlo`, and as they were in the run that wrote the file.
-    failed
-        The file.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
-    """
-    comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        _check_keeping(output, resume, ranks_per_sample, model or REDUCED)
-        origin = Origin.of(source, model, overrides, parameters)
-
-    def check(scene: Scene) -> None:
-        refuse_drawn(scene, origin.settings)
-
-    with ExitStack() as stack:
-        group = stack.enter_context(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
-        keeper = stack.enter_context(keeping("ensemble", comm, output, on_all_ranks, (origin.path, failed)))
-        place = stack.enter_context(_place_of(keeper))
-        prepared = origin.settled(comm, check, many=True)
-        _say_if_small(prepared, ranks_per_sample, comm)
-        earlier = on_root(comm, read_earlier, Path(failed), prepared)
-        plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
-        found = run_ensemble(prepared, plan, group, earlier=earlier)
-        return _kept(keeper, found, plan, origin, prepared.scene)
-
-
-@checked
-def rare_event(
-    source: AnySource,
-    event: str,
-    n: int,
-    seed: int = 0,
-    *,
-    parameters: Parameters | None = None,
-    model: str | None = None,
-    overrides: Overrides = (),
-    output: str | PathLike[str] | None = None,
-    on_all_ranks: bool = True,
-    comm: MPI.Comm | None = None,
-) -> Result:
-    """Find the probability of a rare event with at most `n` samples, as ``pgmp montecarlo --rare``. Collective on
-    `comm`.
-
-    Parameters
-    ----------
-    source, seed, parameters, model, overrides, output, on_all_ranks
-        As of `montecarlo`.
-    event
-        ``"slider_deformation < -2e-4"``, ``"ever"`` before it for any time in the run, or the label of one of
-        ensemble.probabilities.
-    n
-        Number of samples.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.rare_event.RareEvent`.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
-    """
-    from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
-
-    comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        check_whole("n", n, 1, MOST_SAMPLES)
-        check_whole("seed", seed, 0, LARGEST_SEED)
-        origin = Origin.of(source, model, overrides, parameters)
-
-    def check(scene: Scene) -> None:
-        refuse_drawn(scene, origin.settings)
-        event_of(event, scene)
-
-    with keeping(RARE_EVENT, comm, output, on_all_ranks, (origin.path,)) as keeper:
-        prepared = origin.settled(comm, check, many=True)
-        found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
-        return keeper.result(found, origin.directory, prepared.scene.remarks)
-
-
-@checked
+@command(
+    "merge", "Join the shards of an ensemble.", 80, report=report_of_ensemble, status=exit_status,
+    files=Argument(
+        "Files of all shards, in any order.", word="FILE",
+        allowed="a list of names of shards' files",
+    ),
+    gives="With the attributes of `results.Ensemble`.",
+)  # fmt: skip
 def merge(
     files: Sequence[str | PathLike[str]],
     *,
@@ -242,33 +302,13 @@ def merge(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Join all shards of an ensemble to what one run gives, as ``pgmp merge``. Collective on `comm`.
+    """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
 
-    Parameters
-    ----------
-    files
-        Of all shards, in any order.
-    output, on_all_ranks
-        As of `montecarlo`.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Ensemble`.
-
-    Raises
-    ------
-    InputError
-        If they are not all shards of one ensemble, each once.
-    RunError
-        If the system fails to write.
+    Exit status 1 if some samples failed.
     """
     from pgmp_petsc.ensemble.shards import Shards  # as above
 
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not files:
-            raise wrong("files", files, "a list of names of shards' files, and not an empty one")
     paths = [Path(file) for file in files]
 
     def merged(place: Path) -> Ensemble:
@@ -282,10 +322,8 @@ def merge(
         return keeper.result(found, paths[0].parent)
 
 
-def _check_keeping(output: object, resume: bool, ranks_per_sample: int, model: str) -> None:
-    """Refuse what has no part in a run."""
-    if resume and output is None:
-        raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")
+def _check_sharing(ranks_per_sample: int, model: str) -> None:
+    """Refuse several ranks for what is small."""
     if ranks_per_sample > 1 and model != "full":
         what = "component modes" if model == "components" else "a reduced model"
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")

@@ -1,15 +1,14 @@
-"""Reduced models of a program for other programs.
-
-Results of a program for ParaView, and as tables.
-"""
+"""Results for ParaView and as tables, and reduced models for other programs."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
@@ -21,17 +20,27 @@ from pgmp_petsc.code.source import write_sources
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.seal import BrokenSeal, seal_of
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-FMU = ".fmu"
+FMU, XDMF = ".fmu", (".xdmf", ".xmf")
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
 
 
-@checked
+OUTPUT = Argument(
+    "File or folder to write; it replaces an older one when it is complete.", "-o --output", "FILE", required=True
+)
+
+
+@interface(
+    rom=Argument("Reduced model, or its file.", word="ROM.h5"),
+    output=OUTPUT,
+    fmi=Argument("Version of FMI of an FMU, 2 (default) or 3.", word="N", allowed=Range(min(VERSIONS), max(VERSIONS))),
+)
 def export_model(
     rom: Rom | str | PathLike[str],
     output: str | PathLike[str],
@@ -41,23 +50,9 @@ def export_model(
     overrides: Overrides = (),
     comm: MPI.Comm | None = None,
 ) -> Path:
-    """Write a reduced model as C99, or as an FMU, and return where; as ``pgmp export``. Collective on `comm`.
+    """Write the reduced model `rom` for other programs, and return where.
 
-    Parameters
-    ----------
-    rom, parameters, overrides
-        As of `simulate`.
-    output
-        A folder, whose name has no ending, or ``NAME.fmu``.
-    fmi
-        Version of FMI of an FMU, 2 (also if not given) or 3.
-
-    Raises
-    ------
-    InputError
-        If the model has what exported ones do not have, or cannot be written there.
-    RunError
-        If the system fails to write.
+    `output` is a folder of C99, whose name has no ending, or ``NAME.fmu``.
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -108,31 +103,42 @@ def _check(output: str | PathLike[str], fmi: int | None) -> None:
         )
     if fmi is not None and not is_fmu:
         raise InputError(f"--fmi {fmi} is for FMUs, and '{target}' is none; name an FMU, -o NAME{FMU}, or leave it out")
-    if fmi is not None and fmi not in VERSIONS:
-        raise InputError(f"fmi = {fmi!r}: allowed are {' and '.join(map(str, VERSIONS))}")
 
 
-@checked
+def _chosen(given: Mapping[str, Any], comm: MPI.Comm) -> Callable[..., Path]:
+    """Return which of the two functions writes; refuse options of the other. Collective on `comm`."""
+    output = given["output"]
+    suffix = output.suffix.lower()
+    if suffix == FMU or (suffix not in XDMF and not is_table(output) and on_root(comm, _is_rom, given["result"])):
+        return export_model
+    if "fmi" in given:
+        raise InputError(f"--fmi {given['fmi']} is for FMUs of reduced models, and '{output}' is none; leave it out")
+    if "parameters" in given or "overrides" in given:
+        raise InputError("--set and --override are for the export of a reduced model; a result is what it is")
+    return export_result
+
+
+def _is_rom(file: Path) -> bool:
+    try:
+        return seal_of(file).kind == "rom"
+    except (OSError, BrokenSeal):
+        return False  # the reader of trajectories says what is wrong with it
+
+
+@command(
+    "export", "A trajectory for ParaView, a reduced model as C99 or FMU.", 160, petsc=False, choose=_chosen,
+    others=(export_model,), result=Argument("Result, or its file.", word="FILE"), output=OUTPUT,
+    gives="What was written.",
+)  # fmt: skip
 def export_result(
     result: Result | str | PathLike[str], output: str | PathLike[str], *, comm: MPI.Comm | None = None
 ) -> Path:
-    """Write a trajectory's frames as XDMF, or a result's columns as CSV, and return where; as ``pgmp export``.
+    """Write the frames of trajectory `result` as XDMF, which ParaView opens; a result's columns as CSV (-o FILE.csv);
+    or a reduced model `result` for other programs.
 
-    Collective on `comm`.
+    The XDMF file refers to `result` and copies nothing: keep the two together. CSV has units in its first line.
 
-    Parameters
-    ----------
-    result
-        A result, or its file. An XDMF file refers to the trajectory's file and copies nothing: keep the two together.
-    output
-        ``NAME.xdmf``, ``NAME.xmf`` or ``NAME.csv``.
-
-    Raises
-    ------
-    InputError
-        If the result has no frames, or no rows and columns, or cannot be written there.
-    RunError
-        If the system fails to write.
+    A reduced model becomes a folder of C99 (-o model/), or an FMU for co-simulation and model exchange (-o model.fmu).
     """
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):

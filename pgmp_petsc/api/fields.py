@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked, wrong
+from pgmp_petsc.api.arguments import settings_of, wrong
+from pgmp_petsc.api.declared import Argument, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom
-from pgmp_petsc.api.scenes import settings_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 
 if TYPE_CHECKING:
@@ -17,26 +17,17 @@ if TYPE_CHECKING:
     from pgmp_petsc.results.body_fields import BodyField
 
 
-@checked
+@interface(
+    "By body, with the attributes of `results.body_fields.BodyField`: positions, deformation, "
+    "at_nodes, at_cells and others, an entry along the first axis for every instant.",
+    rom=Argument("The reduced model."),
+    run=Argument("A run of it, as from `simulate` or `read`."),
+    times=Argument("Instants within the run, s."),
+)
 def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: MPI.Comm | None = None) -> dict[str, BodyField]:
-    """Return bodies as they are at any instants of a run of a reduced model. Collective on `comm`.
+    """Return bodies as they are at any instants of a run of a reduced model.
 
     Between steps the reduced coordinates are interpolated linearly: bodies keep their shape.
-
-    Parameters
-    ----------
-    rom
-        The reduced model.
-    run
-        A run of it, as from `simulate` or `read`.
-    times
-        Instants within the run, s.
-
-    Returns
-    -------
-    dict of str to BodyField
-        By body, with the attributes of `results.body_fields.BodyField`: positions, deformation, at_nodes, at_cells and
-        others, an entry along the first axis for every instant.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.declared import Argument, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
@@ -15,15 +15,9 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@checked
+@interface(path=Argument("File of a result of any kind but a shard."))
 def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
-    """Read a result file of any kind but a shard: a `Rom`, or a `Result`. Collective on `comm`.
-
-    Raises
-    ------
-    InputError
-        If it is no whole result of this program.
-    """
+    """Read a result file: a `Rom`, or a `Result`; raises `InputError` if it is no whole result of this program."""
     comm, path = ranks_of(comm), Path(path)
     kind = on_root(comm, _kind_of, path)
     if kind == "rom":

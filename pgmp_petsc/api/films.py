@@ -1,7 +1,4 @@
-"""Runs, and modes of vibration, of a program as films.
-
-Results of a program as one page.
-"""
+"""Results as films, as pictures and as one page."""
 
 from __future__ import annotations
 
@@ -11,7 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked, wrong
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import Argument, command, numbers_by_name
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
 from pgmp_petsc.api.result import Result, file_of
@@ -29,13 +27,38 @@ if TYPE_CHECKING:
 
 FIELDS = ("mises", "deformation", "displacement", "none")
 RATE = 20.0
-MOST_PICTURES = (0.5, 120.0)  # a second
-LONGEST = 3600.0  # s
 LARGEST_SCALE = 1e9  # that deformations are drawn enlarged by
 ENDINGS = (".mp4", ".gif")
 
 
-@checked
+@command(
+    "animate", "A run or a mode as a film, MP4 or GIF.", 140, petsc="mode",
+    result=Argument("A trajectory, or with `mode` a reduced model; or its file.", word="FILE"),
+    output=Argument(
+        "File to write, NAME.mp4 or NAME.gif; it replaces an older one when it is complete.", "-o --output", "FILE",
+        required=True,
+    ),
+    mode=Argument("Mode K of a reduced model, from 1.", word="K"),
+    at=Argument(
+        "Coordinate (rad) of the configuration of the mode. Those at the start where not given.", word="NAME=VALUE",
+        allowed="angles (rad) by the names of coordinates, such as {'theta': 0.5}",
+        read=numbers_by_name("--at", "needed is NAME=VALUE, a coordinate and its angle (rad)"),
+    ),
+    field=Argument(
+        "What the colours are: mises (von Mises stress; of beams in the outermost fibres), deformation, displacement "
+        "from the first frame. By default mises, of modes displacement.", allowed=FIELDS,
+    ),
+    scale=Argument(
+        "Enlarge the deformation N times; where not given as much as shows it. It is said in the film.", word="N",
+        allowed=Range(0.0, LARGEST_SCALE, above=True),
+    ),
+    seconds=Argument(
+        "How long the film takes, s; as long as all frames do where not given.", word="T",
+        allowed=Range(0.0, 3600.0, above=True, unit="s"),
+    ),
+    fps=Argument("Pictures a second.", word="N", allowed=Range(0.5, 120.0)),
+    gives="The film.",
+)  # fmt: skip
 def animate(
     result: Result | str | PathLike[str],
     output: str | PathLike[str],
@@ -48,39 +71,13 @@ def animate(
     fps: float = RATE,
     comm: MPI.Comm | None = None,
 ) -> Path:
-    """Make a film of a trajectory's frames, or of a mode of a reduced model, and return where; as ``pgmp animate``.
+    """Make a film of `result`: of a trajectory's frames or, with `mode`, of a mode of a reduced model.
 
-    One rank draws. Collective on `comm`.
-
-    Parameters
-    ----------
-    result
-        A trajectory, or with `mode` a reduced model; or its file.
-    output
-        ``NAME.mp4`` or ``NAME.gif``.
-    mode, at
-        Number of the mode, from 1, and coordinates (rad) of its configuration, those at the start where not given.
-    field
-        What the colours are: ``mises``, ``deformation``, ``displacement`` or ``none``; by default ``mises``, of modes
-        ``displacement``.
-    scale
-        Enlarges the deformation; where not given as much as shows it.
-    seconds, fps
-        How long the film takes, s, as long as all frames do where not given; pictures a second.
-
-    Raises
-    ------
-    InputError
-        If the result cannot become a film, or that cannot be made there.
-    RunError
-        If the system fails to write.
+    It is written as MP4 (-o film.mp4) or GIF (-o film.gif). One rank draws.
     """
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         file = file_of(result)
-        if field is not None and field not in FIELDS:
-            raise InputError(f"field = {field!r}: allowed are {', '.join(FIELDS)}")
-        _check_numbers(scale, seconds, fps)
         places = _angles(at or {})
     target = Path(output)
     on_root(comm, _check, file, target, mode, places)
@@ -88,17 +85,6 @@ def animate(
     for line in on_root(comm, _draw, file, target, shape, field, scale, seconds, fps):
         tell(comm, line)
     return target
-
-
-def _check_numbers(scale: float | None, seconds: float | None, fps: float) -> None:
-    least, most = MOST_PICTURES
-    for name, value, fine, allowed in (
-        ("scale", scale, lambda x: 0.0 < x <= LARGEST_SCALE, f"above 0 and at most {LARGEST_SCALE:g}"),
-        ("seconds", seconds, lambda x: 0.0 < x <= LONGEST, f"above 0 and at most {LONGEST:g} s"),
-        ("fps", fps, lambda x: least <= x <= most, f"from {least:g} to {most:g}"),
-    ):
-        if value is not None and not fine(value):
-            raise InputError(f"{name} = {value!r}: allowed are numbers {allowed}")
 
 
 def _angles(at: Mapping[str, float]) -> dict[str, float]:
@@ -170,32 +156,79 @@ def _indented(text: str) -> str:
     return f"  {text}" if text.startswith("warning: ") else f"  note: {text}"
 
 
-@checked
+@command(
+    "plot", "Draw result files as pictures.", 130, petsc=False,
+    files=Argument("Result files.", word="FILE", allowed="a list of names of files"),
+    output=Argument("Directory for the pictures; made if it does not exist.", "-o --output", "DIR", required=True),
+    exaggerate=Argument(
+        "Enlarge the deformation in the pictures of the mechanism.", word="FACTOR", allowed=Range(1.0, LARGEST_SCALE)
+    ),
+    at=Argument(
+        "Instant of the picture of solids; that of the largest stress if not given.", word="SECONDS",
+        allowed=Range(0.0),
+    ),
+    gives="The folder.",
+)  # fmt: skip
+def plot(
+    files: Sequence[str | PathLike[str]],
+    output: str | PathLike[str],
+    *,
+    exaggerate: float = 1.0,
+    at: float | None = None,
+    comm: MPI.Comm | None = None,
+) -> Path:
+    """Draw result FILEs: what belongs together goes into one picture.
+
+    Results of different scenes never share a picture: with several, the names of pictures end with those of the
+    scenes. Within one, keys tell results apart by what differs: parameters, other entries of the scene, the model,
+    the seed, or else the file. Brackets hold confidence intervals.
+
+    Tables of modes become frequencies.png or, with two coordinates, frequency_maps.png. Trajectories become
+    trajectories.png (full-order and reduced ones are compared where they are of one case); the first that has
+    them gives mechanism.png, energies.png, of solids solids.png (surfaces with von Mises' stress in colour) and, with
+    two coordinates, coordinate_path.png. Ensembles become
+    densities.png and, each ensemble by itself, bands.png (outputs over time) and sobol.png (which parameters
+    matter), rare events rare_event.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
+    """
+    comm = ranks_of(comm)
+    paths, folder = [Path(file) for file in files], Path(output)
+
+    def drawing_the_pictures() -> list[str]:
+        from pgmp_petsc.figures.collection import draw  # matplotlib takes a noticeable time
+
+        return draw(paths, folder, exaggerate, at)
+
+    _tell_of_files(comm, on_root(comm, drawing_the_pictures), paths)
+    return folder
+
+
+@command(
+    "report", "Write results as one page that needs no network.", 150, petsc=False,
+    results=Argument(
+        "Results, or names of their files: trajectories, ensembles, trade-off studies and reduced models.", word="FILE",
+        allowed="a list of results, or of names of files",
+    ),
+    path=Argument(
+        "Page to write; it replaces an older one when it is complete.", "-o --output", "FILE.html", required=True
+    ),
+    gives="The page.",
+)  # fmt: skip
 def write_report(
     results: Sequence[Result | str | PathLike[str]], path: str | PathLike[str], *, comm: MPI.Comm | None = None
 ) -> Path:
-    """Write results as one page that needs no network, as ``pgmp report``, and return its path. Collective on `comm`.
+    """Write result FILEs as one page that needs no network: for the screen, the phone and the printer.
 
-    Parameters
-    ----------
-    results
-        Results, or names of their files: trajectories, ensembles, trade-off studies and reduced models. A page names
-        the files that it is of: results that were not written are written beside it, as
-        ``<page>_<kind>_<number>.h5``.
-    path
-        The page.
+    FILEs are trajectories, ensembles, trade-off studies, and reduced models, whose choices are a part of the error
+    budget. It begins with a verdict in words and has the mechanism as a film, outputs with bands, distributions with
+    intervals, which parameters matter, the error budget, the balance of energy, samples that failed, warnings, costs,
+    the commands that repeat it, and the data as CSV. What is not known is said.
 
-    Raises
-    ------
-    InputError
-        If one of them is none that a page shows, or the page cannot be made there.
-    RunError
-        If the system fails to write.
+    Results of different scenes get sections of their own, with the scenes' names.
+
+    A page names the files that it is of: what a program holds and was not written yet is written beside it, as
+    PAGE_KIND_NUMBER.h5.
     """
     comm = ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if not results:
-            raise wrong("results", results, "a list of results or of names of files, and not an empty one")
     path, files = Path(path), []
     for number, result in enumerate(results, 1):
         if not isinstance(result, Result):
@@ -208,6 +241,11 @@ def write_report(
 
         return write(files, path)
 
-    for line in on_root(comm, writing_the_page):
-        tell(comm, line)
+    _tell_of_files(comm, on_root(comm, writing_the_page), files)
     return path
+
+
+def _tell_of_files(comm: MPI.Comm, lines: Sequence[str], files: Sequence[Path]) -> None:
+    """Tell what was made, and of which files only a part could be shown. Collective on `comm`."""
+    for line in (*lines, *on_root(comm, stopped_runs, *files)):
+        tell(comm, line)

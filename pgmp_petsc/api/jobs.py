@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ensembles import montecarlo
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.modes import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
-from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.runs import simulate
-from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
+from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.experiments.finished import Price, step_seconds
@@ -67,7 +67,27 @@ class Done:
     failures: tuple[str, ...]
 
 
-@checked
+def _status(done: Done) -> int:
+    if done.failures:
+        raise RunError("; ".join(done.failures))
+    return 0
+
+
+@command(
+    "run", "Everything from the check of a scene to a report.", 20, status=_status,
+    scene=Argument("The scene's file.", word="SCENE"),
+    folder=Argument(
+        "Folder for all files; SCENE_results beside the scene if not given.", "-o --output", "FOLDER"
+    ),
+    page=Argument(
+        f"Page to write; without a name, or without the option, {PAGE} in the folder.", "--report", "FILE.html",
+        empty=PAGE, read=lambda page: None if str(page) == PAGE else page,
+    ),
+    n=Argument("Number of samples, where parameters have distributions.", "-n", "N", Range(1, MOST_SAMPLES)),
+    seed=Argument("Random seed.", word="S", allowed=Range(0, LARGEST_SEED)),
+    force=Argument("Do all steps again, also those whose files are finished."),
+    gives="Files, the page, and what failed although the run went on.",
+)  # fmt: skip
 def run(
     scene: str | PathLike[str],
     folder: str | PathLike[str] | None = None,
@@ -80,41 +100,20 @@ def run(
     overrides: Overrides = (),
     comm: MPI.Comm | None = None,
 ) -> Done:
-    """Check a scene, build its reduced model, simulate, compare, draw samples, and report; as ``pgmp run``.
+    """Check `scene`, build its reduced model, simulate, compare with a better model, draw samples, and write a report.
 
-    Collective on `comm`.
+    The better model is the full-order one or, where that is too dear, the component model; what it will take is
+    predicted and said first, and beyond reference.budget it is left out. Samples are drawn where parameters have
+    distributions. Mechanisms that have no reduced model run as component or full-order models.
 
-    Parameters
-    ----------
-    scene
-        Its file.
-    folder
-        For all files; ``SCENE_results`` beside the scene where none is given. What is finished there is taken.
-    page
-        The report; ``report.html`` in the folder where none is given.
-    n, seed
-        Of the samples, which are drawn where parameters have distributions.
-    force
-        Whether to do all steps again.
-    parameters, overrides
-        As of `simulate`.
-
-    Raises
-    ------
-    InputError
-        If the scene cannot be meant, or the folder is somebody else's.
-    RunError
-        If a step fails and leaves no file.
+    All files are in one folder. A later run of the same scene takes those that are finished, and takes up what was
+    begun; with `force` it begins anew. Exit status 1 if a run stopped early or samples failed; the report says which.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        check_whole("n", n, 1, MOST_SAMPLES)
-        check_whole("seed", seed, 0, LARGEST_SEED)
-        texts, settings = overrides_of(overrides), settings_of(parameters)
     path = Path(fspath(scene))
     place = path.with_name(f"{path.stem}_results") if folder is None else Path(folder)
     target = place / PAGE if page is None else Path(page)
-    loaded, meshes = read_scene(path, texts, settings, comm, Purpose.CHECK)
+    loaded, meshes = read_scene(path, overrides, parameters, comm, Purpose.CHECK)
     steps = Steps(place)
     with ExitStack() as held:
 
@@ -129,7 +128,7 @@ def run(
         tell_remarks(comm, loaded.remarks)
         tell(comm, f"check      {_checked(loaded, mechanism)}")
         key = identity(scene_to_toml(loaded), meshes, __version__)
-        job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, settings, texts)
+        job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, parameters, overrides)
         job.build()
         job.simulate()
         job.compare()

@@ -9,10 +9,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.ranks import RESULT, tell_remarks
+from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed, form_of, is_table
+from pgmp_petsc.runtime.claims import check_folder, claimed, form_of, is_table
 from pgmp_petsc.runtime.errors import Remark
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class Keeper:
         Its file as it was named, and with its full path; None where there is none.
     on_all_ranks
         Whether all ranks get it; else the first alone, whose columns may stay in a file.
+    plot
+        Folder for its picture; None where there is none.
     """
 
     kind: str
@@ -40,6 +42,7 @@ class Keeper:
     output: Path | None
     target: Path | None
     on_all_ranks: bool
+    plot: Path | None = None
 
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
@@ -60,8 +63,15 @@ class Keeper:
         def handing_out_the_result() -> Any:
             return in_memory(data)
 
+        def drawing_the_result() -> str:
+            from pgmp_petsc.figures.collection import draw_result  # matplotlib takes a noticeable time
+
+            return draw_result(data, self.plot)
+
         if self.output is not None:
             on_root(self.comm, writing_the_result)
+        if self.plot is not None:
+            tell(self.comm, on_root(self.comm, drawing_the_result))
         if self.on_all_ranks:
             data = on_root(self.comm, handing_out_the_result)
         elif self.comm.rank > 0:
@@ -81,16 +91,21 @@ def keeping(
     output: str | PathLike[str] | None,
     on_all_ranks: bool,
     inputs: Iterable[str | PathLike[str] | None] = (),
+    plot: str | PathLike[str] | None = None,
 ) -> Iterator[Keeper]:
     """Claim the file of a result, and yield what keeps it. Collective on `comm`.
 
     Raises
     ------
     InputError
-        If the file cannot be written, may not be replaced, or is one of the `inputs`.
+        If the file cannot be written, may not be replaced, or is one of the `inputs`; or the folder for the picture
+        cannot be made.
     """
-    if output is None:
-        yield Keeper(kind, comm, None, None, on_all_ranks)
+    own, folder = (None if path is None else Path(path) for path in (output, plot))
+    if folder is not None:
+        on_root(comm, check_folder, folder, own)
+    if own is None:
+        yield Keeper(kind, comm, None, None, on_all_ranks, folder)
         return
-    with claimed(comm, output, form_of(output, kind), inputs) as target:
-        yield Keeper(kind, comm, Path(output), target, on_all_ranks)
+    with claimed(comm, own, form_of(own, kind), inputs) as target:
+        yield Keeper(kind, comm, own, target, on_all_ranks, folder)

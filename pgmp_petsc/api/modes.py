@@ -1,7 +1,4 @@
-"""Eigenfrequencies over the configurations of a program's scene.
-
-Reduced models that a program builds.
-"""
+"""Eigenfrequencies over the configurations of a scene, and reduced models."""
 
 from __future__ import annotations
 
@@ -9,29 +6,30 @@ from dataclasses import replace
 from os import PathLike, fspath
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
-from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result, Rom
-from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import directory_of, model_of_rom, scene_and_meshes
+from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import SCENE, directory_of, model_of_rom, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.modes_table import tabulate_modes
+from pgmp_petsc.texts.models import report_of_build, report_of_modes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-MOST_ANGLES = 10**6
-
-
-@checked
+@command(
+    "modes", "Eigenfrequencies over the configurations.", 50, report=report_of_modes, scene=SCENE,
+    rom=Argument("Add the frequencies of this reduced model, or of its file.", word="ROM.h5"),
+    angles=Argument("Angles of each coordinate; reduction.angles if not given.", word="N", allowed=Range(2, 10**6)),
+    gives="With the attributes of `results.ModesTable`.",
+)  # fmt: skip
 def frequencies(
     scene: Scene | str | PathLike[str],
     *,
@@ -44,35 +42,11 @@ def frequencies(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Compute eigenfrequencies of a scene over its configurations, as ``pgmp modes``. Collective on `comm`.
-
-    Parameters
-    ----------
-    scene, parameters, overrides, ranks_per_angle, output, on_all_ranks
-        As of `build`.
-    rom
-        A reduced model, or its file, whose frequencies are added.
-    angles
-        Of each coordinate; otherwise as ``reduction.angles`` says.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.ModesTable`.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
-    """
+    """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced."""
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if angles is not None:
-            check_whole("angles", angles, 2, MOST_ANGLES)
-        texts, settings = overrides_of(overrides), settings_of(parameters)
     inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
     with keeping("modes", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.MODES, texts, settings, comm)
+        loaded, meshes = scene_and_meshes(scene, Purpose.MODES, overrides, parameters, comm)
         tell_remarks(comm, loaded.remarks)
         reduced = None if rom is None else model_of_rom(rom, comm)
         with RankGroup.split(comm, ranks_per_angle) as group:
@@ -80,7 +54,10 @@ def frequencies(
         return keeper.result(table, directory_of(scene), loaded.remarks)
 
 
-@checked
+@command(
+    "build", "Build the reduced model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
+    gives="With the attributes of `reduction.rom.ReducedOrderModel`.",
+)
 def build(
     scene: Scene | str | PathLike[str],
     *,
@@ -92,35 +69,20 @@ def build(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Rom:
-    """Build the reduced model of a scene, as ``pgmp build``. Collective on `comm`.
+    """Compute modes at the sampled configurations of `scene` and write the reduced model (ROM.h5).
 
-    Parameters
-    ----------
-    scene
-        As from `load` or `compose`, or its file.
-    parameters, overrides, on_all_ranks
-        As of `simulate`.
-    ranks_per_angle
-        Ranks that share one eigenproblem.
-    output, resume
-        File to write, beside which finished parts are kept until then, and whether to take up what a killed build left
-        there. Without a file nothing is kept on the way.
+    With reduction.tolerance, or simulation.tolerance, what `scene` does not give is chosen so that no output has a
+    larger error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter
+    are left out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what
+    `scene` leaves out although it matters is said, as in pgmp check --effects.
 
-    Raises
-    ------
-    InputError
-        If a mesh cannot be read, the scene has what reduced models do not have, or a tolerance cannot be met.
-    RunError
-        If the computation fails.
+    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; `resume` takes them up,
+    with any number of ranks. With a tolerance it is the runs that errors are measured against.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        if resume and output is None:
-            raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")
-        texts, settings = overrides_of(overrides), settings_of(parameters)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("rom", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.BUILD, texts, settings, comm)
+        loaded, meshes = scene_and_meshes(scene, Purpose.BUILD, overrides, parameters, comm)
         tell_remarks(comm, loaded.remarks)
         with RankGroup.split(comm, ranks_per_angle) as group:
             built = build_model(loaded, meshes, group, lambda text: tell(comm, text), keeper.output, resume)

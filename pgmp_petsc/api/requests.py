@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
 from pgmp_petsc.api.better import Correction, in_order
-from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
+from pgmp_petsc.ensemble.allotment import MOST_SAMPLES, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop
@@ -97,7 +98,7 @@ class Request:
     @property
     def overrides(self) -> tuple[str, ...]:
         """What it changes of the scene."""
-        return () if self.sampler is None else (f'ensemble.sampler="{self.sampler}"',)
+        return drawn_by(self.sampler)
 
     @property
     def kind(self) -> str:
@@ -106,11 +107,6 @@ class Request:
 
     def _check(self) -> None:
         self.stopping.check()
-        if self.n is not None:
-            check_whole("n", self.n, 1, MOST_SAMPLES)
-        check_whole("seed", self.seed, 0, LARGEST_SEED)
-        if self.sampler is not None and self.sampler not in SAMPLERS:
-            raise InputError(f"sampler = {self.sampler!r}: allowed are {', '.join(SAMPLERS)}")
         if self.samples is None and self.n is None and self.stopping.budget is None:
             raise InputError(
                 "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"
@@ -209,10 +205,26 @@ class Request:
                 )
 
 
-def check_whole(name: str, value: object, least: int, most: int) -> None:
-    """Refuse what is no whole number within limits."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{name} = {value!r}: allowed are whole numbers from {least} to {most}")
+def drawn_by(sampler: str | None) -> tuple[str, ...]:
+    """Return what a sampler changes of a scene."""
+    return () if sampler is None else (f'ensemble.sampler="{sampler}"',)
+
+
+def read_part(shard: str) -> Shard:
+    """Return which part of the samples a text means; raises `InputError`."""
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", shard)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")
+    return Shard(int(found[1]), int(found[2]))
+
+
+def read_budget(text: str) -> float:
+    """Return a time in seconds; raises `InputError` unless it is a positive number with s, min or h."""
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(s|min|h)?\s*", text)
+    seconds = float(found[1]) * {"s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}[found[2]] if found else 0.0
+    if not 0.0 < seconds < LONGEST:
+        raise InputError(f"--budget {text}: allowed is a time such as 60s, 10min or 2h, of less than three years")
+    return seconds
 
 
 def _check_shard(shard: Shard | None) -> None:

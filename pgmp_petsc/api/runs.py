@@ -1,4 +1,4 @@
-"""Single runs of a program: over time, and with derivatives."""
+"""Single runs: over time, and with derivatives."""
 
 from __future__ import annotations
 
@@ -6,21 +6,26 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import AnySource, Origin
+from pgmp_petsc.api.sources import SOURCE, AnySource, Origin
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 from pgmp_petsc.studies.simulate import simulate as simulated
+from pgmp_petsc.texts.gradient_tables import report as report_of_derivatives
+from pgmp_petsc.texts.models import report_of_run
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@checked
+@command(
+    "simulate", "One run over time, reduced or full-order.", 60, report=report_of_run, source=SOURCE,
+    gives="With the attributes of `results.Trajectory`.",
+)
 def simulate(
     source: AnySource,
     parameters: Parameters | None = None,
@@ -31,34 +36,14 @@ def simulate(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Run a model over time, as ``pgmp simulate``. Collective on `comm`.
+    """Run a reduced model, or with `model` the full-order or the component model of a scene.
 
-    Parameters
-    ----------
-    source
-        A reduced model, or its file; or, with `model`, a scene or its file.
-    parameters
-        Values of parameters in this run, SI units; as in `load`.
-    model
-        ``"full"`` or ``"components"`` with a scene; ``"reduced"`` or nothing with a reduced model.
-    overrides
-        Entries of the scene, as in `load`; with a reduced model those that its tables do not depend on.
-    output
-        File to write; a table where its name ends in .csv. A run that stops before its end is written too.
-    on_all_ranks
-        Whether all ranks get the result; else the first alone has its data.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Trajectory`.
+    A run that stops before its end has exit status 1; what was computed is written.
 
     Raises
     ------
     StoppedRun
         If the run stops before its end; it holds what was computed.
-    InputError, RunError
-        As the command.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
@@ -76,7 +61,15 @@ def simulate(
     return run
 
 
-@checked
+@command(
+    "sensitivities", "What parameters do to the outputs of a reduced run.", 100, report=report_of_derivatives,
+    about="rom", output=OPTIONAL_OUTPUT, rom=Argument("Reduced model, or its file.", word="ROM.h5"),
+    names=Argument(
+        "Differentiate with parameter NAME, instead of all of the scene.", "--parameter", "NAME",
+        "a list of parameters' names, such as ['r1']",
+    ),
+    gives="With the attributes of `results.Derivatives`.",
+)  # fmt: skip
 def sensitivities(
     rom: Rom | str | PathLike[str],
     names: Sequence[str] = (),
@@ -84,33 +77,18 @@ def sensitivities(
     parameters: Parameters | None = None,
     overrides: Overrides = (),
     output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Differentiate the outputs of a run with parameters, as ``pgmp sensitivities``. Collective on `comm`.
+    """Say what a change of each parameter does to the outputs of a run of the reduced model `rom`.
 
-    Parameters
-    ----------
-    rom
-        A reduced model, or its file.
-    names
-        Parameters to differentiate with; all of the scene where none is named.
-    parameters, overrides, output, on_all_ranks
-        As of `simulate`.
-
-    Returns
-    -------
-    Result
-        With the attributes of `results.Derivatives`.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
+    Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
+    one run. Printed are the effects of one standard deviation of each parameter, the largest first.
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         origin = Origin.of(rom, None, overrides, parameters)
-    with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,)) as keeper:
+    with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         model = origin.settled(comm)
         return keeper.result(differentiated(model, tuple(names), comm), origin.directory, model.scene.remarks)

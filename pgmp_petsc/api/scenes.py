@@ -1,25 +1,32 @@
-"""Scenes of a program: from a file or from tables, and with other values."""
+"""Scenes: from a file or from tables, and with other values; some to begin with, and what they may say."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.api.arguments import checked, overrides_of, plain, settings_of
-from pgmp_petsc.api.ranks import ranks_of, tell_remarks
-from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.api.arguments import plain
+from pgmp_petsc.api.declared import Argument, command, interface
+from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
+from pgmp_petsc.scene.template import describe_template, template_names, write_template
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
+PAGES = (".md", ".markdown")
 
 
-@checked
+@interface(path=Argument("The file; paths of meshes are relative to its folder."))
 def load(
     path: str | PathLike[str],
     overrides: Overrides = (),
@@ -27,49 +34,22 @@ def load(
     *,
     comm: MPI.Comm | None = None,
 ) -> Scene:
-    """Return the scene of a TOML file. Collective on `comm`.
+    """Return the scene of a TOML file.
 
-    Parameters
-    ----------
-    path
-        The file; paths of meshes are relative to its folder.
-    overrides
-        Entries to create or replace before the scene is validated: a mapping of dotted keys to values, or texts
-        ``"dotted.key=VALUE"`` with a TOML value.
-    parameters
-        Values of parameters in single runs, SI units, as a mapping or as texts ``"name=VALUE"``; their nominal values
-        stay.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, or says what a scene may not say.
+    `overrides` are there before the scene is validated; with `parameters` nominal values stay.
     """
     comm = ranks_of(comm)
-    with agreed(comm, "reading the scene"):
-        changes = overrides_of(overrides), settings_of(parameters)
-    found = on_root(comm, load_scene, Path(path), *changes)
+    found = on_root(comm, load_scene, Path(path), overrides, parameters)
     tell_remarks(comm, found.remarks)
     return found
 
 
-@checked
+@interface(
+    tables=Argument('``{"scene": {"name": ...}, "bodies": {...}, ...}``, with plain numbers or numpy\'s.'),
+    directory=Argument("Folder that paths of meshes are relative to."),
+)
 def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: MPI.Comm | None = None) -> Scene:
-    """Return the scene of tables as a TOML file has them. Collective on `comm`; those of the first rank count.
-
-    Parameters
-    ----------
-    tables
-        ``{"scene": {"name": ...}, "bodies": {...}, ...}``; numbers and arrays of numpy may stand for plain ones. They
-        are left as they are.
-    directory
-        Folder that paths of meshes are relative to.
-
-    Raises
-    ------
-    InputError
-        If they say what a scene may not say.
-    """
+    """Return the scene of tables as a TOML file has them; those of the first rank count, and are left as they are."""
     comm = ranks_of(comm)
 
     def composing_the_scene() -> Scene:
@@ -80,13 +60,90 @@ def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, 
     return found
 
 
-def changed(scene: Scene, overrides: Overrides, parameters: Parameters | None) -> Scene:
+def _templates() -> dict[str, str]:
+    return {name: describe_template(name) for name in template_names()}
+
+
+@command(
+    "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
+    template=Argument("Name of the scene to begin with.", listed=_templates),
+    file=Argument("The scene's file.", word="FILE.toml"),
+    force=Argument("Replace files that exist."),
+    gives="What was written.",
+)  # fmt: skip
+def new(
+    template: str, file: str | PathLike[str], *, force: bool = False, comm: MPI.Comm | None = None
+) -> list[Path]:
+    """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
+
+    It runs as it is: pgmp run `file`
+    """
+    comm = ranks_of(comm)
+    written = on_root(comm, write_template, template, Path(file), force)
+    for path in written:
+        tell(comm, str(path))
+    tell(comm, f"try: pgmp run {file}")
+    return written
+
+
+def _shown(text: str, path: Path | None, said: object) -> str:
+    """Return a schema where there is no file that has it."""
+    return text.rstrip() if path is None else ""
+
+
+@command(
+    "schema", "What a scene may say, for editors or as a page.", 180, petsc=False, report=_shown, figures=None,
+    output=Argument(
+        "File to write; standard output has the JSON schema if it is not given.", "-o --output", "FILE.json|FILE.md"
+    ),
+    gives="The text; the JSON schema where there is no file.",
+)  # fmt: skip
+def schema(output: str | PathLike[str] | None = None, *, comm: MPI.Comm | None = None) -> str:
+    """Write the JSON schema of scenes for editors (FILE.json), or all entries of a scene as a page (FILE.md).
+
+    An editor with a TOML language server (Even Better TOML, taplo) completes and checks a scene whose first line is
+
+        #:schema FILE.json
+    """
+    comm = ranks_of(comm)
+    target = None if output is None else Path(output)
+    text = on_root(comm, _write_schema, target)
+    if target is not None:
+        tell(comm, f"{target}")
+        if target.suffix.lower() not in PAGES:
+            tell(comm, f'an editor takes it for a scene that begins with the line "#:schema {target.name}"')
+    return text
+
+
+def _write_schema(output: Path | None) -> str:
+    """Write the page or the schema; by one process."""
+    from pgmp_petsc.scene.editor_schema import schema_text  # few ask for it
+    from pgmp_petsc.scene.reference_page import reference_page
+
+    if output is None:
+        return schema_text()
+    suffix = output.suffix.lower()
+    if os.path.isdir(output):  # a Path's own way raises for names that are too long
+        raise InputError(f"output '{output}' is a directory; give the name of a file in it, FILE.json or FILE.md")
+    if suffix not in (".json", *PAGES):
+        raise InputError(
+            f"output '{output}': a schema is JSON for editors or a page in Markdown; name it "
+            f"'{output.with_suffix('.json')}' or '{output.with_suffix('.md')}'"
+        )
+    is_page = suffix in PAGES
+    target = check_output(output, "reference" if is_page else "schema")
+    text = reference_page() if is_page else schema_text()
+    with replacing(target) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return text
+
+
+def changed(scene: Scene, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
     """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`.
 
     What the scene does not give stays open: a tolerance may choose it.
     """
-    texts, settings = overrides_of(overrides), settings_of(parameters)
-    if not texts and not settings:
+    if not overrides and not settings:
         return scene
     tables = scene.model_dump(exclude_none=True, exclude_unset=True)
-    return scene_from_tables(tables, scene.directory, texts, settings)
+    return scene_from_tables(tables, scene.directory, overrides, settings)

@@ -8,9 +8,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.api.declared import Argument
 from pgmp_petsc.api.ranks import tell, tell_remarks
 from pgmp_petsc.api.result import Rom
-from pgmp_petsc.api.scenes import Overrides, Parameters, changed, overrides_of, settings_of
+from pgmp_petsc.api.scenes import changed
 from pgmp_petsc.models import Model
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
 REDUCED = "reduced"
+SOURCE = Argument("Reduced model, or its file; with `model` a scene, or its file.", word="ROM.h5|SCENE")
+SCENE = Argument("Scene, or its file.", word="SCENE")
 
 
 @dataclass(frozen=True)
@@ -58,10 +61,10 @@ class Origin:
     settings: tuple[str, ...]
 
     @classmethod
-    def of(cls, source: AnySource, model: str | None, overrides: Overrides, parameters: Parameters | None) -> Origin:
+    def of(cls, source: AnySource, model: str | None, overrides: Sequence[str], settings: Sequence[str]) -> Origin:
         """Return what the arguments of a call say. Raises `InputError`; by every rank alike."""
         _check_model(source, model)
-        return cls(source, model or REDUCED, overrides_of(overrides), settings_of(parameters))
+        return cls(source, model or REDUCED, overrides, settings)
 
     @property
     def path(self) -> Path | None:

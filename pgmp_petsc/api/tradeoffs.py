@@ -1,31 +1,36 @@
-"""What accuracy costs in time, for a scene of a program."""
+"""What accuracy costs in time, for a scene."""
 
 from __future__ import annotations
 
 from os import PathLike, fspath
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
-from pgmp_petsc.api.requests import check_whole
 from pgmp_petsc.api.result import Result
-from pgmp_petsc.api.scenes import Overrides, Parameters, overrides_of, settings_of
-from pgmp_petsc.api.sources import directory_of, scene_and_meshes
+from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import SCENE, directory_of, scene_and_meshes
 from pgmp_petsc.ensemble.allotment import MOST_SAMPLES
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
+from pgmp_petsc.texts.tradeoff_table import report
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@checked
+@command(
+    "tradeoff", "What accuracy costs in time, and which setting to take.", 90, report=report, scene=SCENE,
+    quick=Argument("Measure fewer settings: within a minute for a small scene."),
+    n=Argument("Number of samples that the advice is for.", "-n", "N", Range(1, MOST_SAMPLES)),
+    gives="With the attributes of `results.tradeoff.Tradeoff`.",
+)  # fmt: skip
 def tradeoff(
     scene: Scene | str | PathLike[str],
     *,
@@ -38,36 +43,20 @@ def tradeoff(
     on_all_ranks: bool = True,
     comm: MPI.Comm | None = None,
 ) -> Result:
-    """Measure what accuracy costs in time for a scene, as ``pgmp tradeoff``. Collective on `comm`.
+    """Measure what accuracy costs in time for `scene`, and say which setting to take.
 
-    Parameters
-    ----------
-    scene, parameters, overrides, output, resume, on_all_ranks
-        As of `build`.
-    quick
-        Whether fewer settings are measured.
-    n
-        Number of samples that the advice is for.
+    Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), of the
+    component model, the full-order model and response surfaces are compared with a converged reference at quantiles of
+    the uncertain parameters: the full-order model, or the component model where that is too dear (reference.budget).
+    Refined meshes of lines tell the discretisation error. A setting that fails is listed with its reason.
 
-    Returns
-    -------
-    Result
-        With the attributes of `results.tradeoff.Tradeoff`.
-
-    Raises
-    ------
-    InputError, RunError
-        As the command.
+    Finished settings are kept in FILE.partial until the file is written; `resume` takes them up, with any number of
+    ranks.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        check_whole("n", n, 1, MOST_SAMPLES)
-        if resume and output is None:
-            raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")
-        texts, settings = overrides_of(overrides), settings_of(parameters)
     inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
-        loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, texts, settings, comm)
+        loaded, meshes = scene_and_meshes(scene, Purpose.TRADEOFF, overrides, parameters, comm)
         kind, finished = {"command": "tradeoff", "quick": quick}, None
         if keeper.output is not None:
             finished = Finished(keeper.output, kind, loaded, meshes, comm, resume)

@@ -9,42 +9,44 @@ from __future__ import annotations
 import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
-from pgmp_petsc.cli.calls import Session
+from pgmp_petsc.api.found import Found, found
+from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.runtime.surroundings import check_variables
 
 
 @dataclass(frozen=True)
 class LazyCommand:
-    """Where a command is found, and what the group's help says of it.
+    """A command that is found, and what the group's help says of it.
 
     Parameters
     ----------
-    target : str
-        ``module:function``.
-    help : str
-        One line.
-    uses_petsc : bool
-        Whether PETSc is started before the module is imported.
+    head : Found
+        Where its declaration is, its line of help, and whether PETSc is started before the module is imported.
     """
 
-    target: str
-    help: str
-    uses_petsc: bool = True
+    head: Found
 
     def load(self) -> click.Command:
         """Import the module and return the command."""
-        module, _, function = self.target.partition(":")
-        command = getattr(import_module(module), function)
+        # what commands need takes a noticeable time, for which `pgmp --help` does not wait
+        from pgmp_petsc.api.declared import found_command
+        from pgmp_petsc.cli.declared import Declared
+
+        command = Declared(found_command(self.head))
         gc.freeze()  # modules live to the end: later collections need not look through them
         gc.enable()
         return command
+
+
+def found_commands() -> dict[str, LazyCommand]:
+    """Return all commands by name, in the order of the group's help."""
+    return {one.name: LazyCommand(one) for one in found() if one.name}
 
 
 class LazyGroup(click.Group):
@@ -73,7 +75,7 @@ class LazyGroup(click.Group):
         if ctx.resilient_parsing:
             return command.load()  # a shell asks for what may follow: nothing runs
         check_variables()
-        if command.uses_petsc and session is not None:
+        if command.head.petsc is True and session is not None:
             session.start_petsc()
         elif session is not None and session.petsc_options:
             given = " ".join(session.petsc_options)
@@ -84,14 +86,14 @@ class LazyGroup(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete the names of commands without importing them, and the options of the group."""
-        found = [
-            CompletionItem(name, help=command.help)
+        names = [
+            CompletionItem(name, help=command.head.help)
             for name, command in self._lazy.items()
             if name.startswith(incomplete)
         ]
-        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, command.help) for name, command in self._lazy.items()])
+            formatter.write_dl([(name, command.head.help) for name, command in self._lazy.items()])

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from pgmp_petsc import __version__
-from pgmp_petsc.cli.calls import Session
-from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
+from pgmp_petsc.cli.lazy import LazyGroup, found_commands
+from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import LastingOutput, descriptor_of, release_petsc
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
@@ -34,32 +34,7 @@ INTERRUPTED = 130
 # How long a rank that failed waits for the others to fail with it, before it ends them.
 GRACE_SECONDS = 20.0
 
-COMMANDS = {
-    "new": LazyCommand("pgmp_petsc.cli.new:new", "Write a commented scene that runs, to begin with.", False),
-    "run": LazyCommand("pgmp_petsc.cli.run:run", "Everything from the check of a scene to a report."),
-    "check": LazyCommand("pgmp_petsc.cli.check:check", "Validate a scene and say what is in it."),
-    "build": LazyCommand("pgmp_petsc.cli.build:build", "Build the reduced model of a scene (offline)."),
-    "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
-    "simulate": LazyCommand("pgmp_petsc.cli.simulate:simulate", "One run over time, reduced or full-order."),
-    "montecarlo": LazyCommand("pgmp_petsc.cli.montecarlo:montecarlo", "Many samples and their distributions."),
-    "merge": LazyCommand("pgmp_petsc.cli.merge:merge", "Join the shards of an ensemble."),
-    "tradeoff": LazyCommand(
-        "pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."
-    ),
-    "sensitivities": LazyCommand(
-        "pgmp_petsc.cli.sensitivities:sensitivities", "What parameters do to the outputs of a reduced run."
-    ),
-    "fit": LazyCommand("pgmp_petsc.cli.fit:fit", "Fit parameters to a measured history."),
-    "optimize": LazyCommand("pgmp_petsc.cli.optimize:optimize", "Find the parameters that meet a goal best."),
-    "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
-    "animate": LazyCommand("pgmp_petsc.cli.animate:animate", "A run or a mode as a film, MP4 or GIF.", False),
-    "report": LazyCommand("pgmp_petsc.cli.page:report", "Write results as one page that needs no network.", False),
-    "export": LazyCommand(
-        "pgmp_petsc.cli.export:export", "A trajectory for ParaView, a reduced model as C99 or FMU.", False
-    ),
-    "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
-    "schema": LazyCommand("pgmp_petsc.cli.schema:schema", "What a scene may say, for editors or as a page.", False),
-}
+COMMANDS = found_commands()
 
 
 @click.group(cls=LazyGroup, lazy=COMMANDS, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...")

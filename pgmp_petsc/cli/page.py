@@ -1,37 +1,72 @@
-"""``pgmp report``: results as one page."""
+"""docs/commands.md: all commands with their options, as they are declared.
+
+    python -m pgmp_petsc.cli.page > docs/commands.md
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
 
-import click
+from pgmp_petsc.api.declared import Argument, Command, found_command
+from pgmp_petsc.api.found import found
 
-from pgmp_petsc.cli.options import PathName, files_argument
-from pgmp_petsc.cli.report import quiet, say_of_files
+ABOUT = """# Commands
+
+Written from the declarations of the commands (`python -m pgmp_petsc.cli.page > docs/commands.md`);
+`pgmp COMMAND --help` says the same. Every command has `--quiet`: nothing is written but errors and warnings. Commands
+with `--json` write their figures as JSON on standard output, and nothing else there. In Python a function has the same
+arguments ([python.md](python.md)); `help(pgmp.simulate)` shows them.
+"""
 
 
-@click.command()
-@files_argument
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE.html",
-    type=PathName(),
-    help="Page to write; it replaces an older one when it is complete.",
-)
-@quiet
-@click.pass_context
-def report(context: click.Context, files: tuple[Path, ...], output: Path) -> None:
-    """Write result FILEs as one page that needs no network: for the screen, the phone and the printer.
+def commands_page() -> str:
+    """Return the page."""
+    commands = [found_command(one) for one in found() if one.name]
+    functions = [", ".join(f"`pgmp.{of.__name__}`" for of in (one.function, *one.others)) for one in commands]
+    rows = [f"| [{one.name}](#pgmp-{one.name}) | {one.help} | {of} |" for one, of in zip(commands, functions)]
+    lines = [ABOUT, "| command | does | in Python |", "|---|---|---|", *rows]
+    for one in commands:
+        lines += ["", *_section(one)]
+    return "\n".join(lines) + "\n"
 
-    FILEs are trajectories, ensembles, trade-off studies, and reduced models, whose choices are a part of the error
-    budget. It begins with a verdict in words and has the mechanism as a film, outputs with bands, distributions with
-    intervals, which parameters matter, the error budget, the balance of energy, samples that failed, warnings, costs,
-    the commands that repeat it, and the data as CSV. What is not known is said.
 
-    Results of different scenes get sections of their own, with the scenes' names.
-    """
-    from pgmp_petsc.report.page import write_report
+def _section(command: Command) -> Iterator[str]:
+    """Yield the part of one command."""
+    arguments = sorted(command.arguments.values(), key=lambda one: not one.by_place)
+    words = " ".join(one.word + "..." * one.repeated for one in arguments if one.by_place)
+    needed = " ".join(f"{one.options[0]} {one.word}" for one in arguments if one.options and one.required)
+    yield from (f"## pgmp {command.name}", "")
+    yield f"`pgmp {' '.join(filter(None, (command.name, words, needed)))}`"
+    yield ""
+    yield command.description.split("\n\n")[0].replace("\n", " ")
+    rows = [row for one in arguments for row in _rows(command, one)]
+    if command.has_figures:
+        rows.append(("`--json`", "Write the figures as JSON.", ""))
+    yield from ("", "| option | does | allowed (default) |", "|---|---|---|") if rows else ()
+    yield from (f"| {' | '.join(row)} |" for row in rows)
 
-    say_of_files(context, files, write_report, output)
+
+def _rows(command: Command, argument: Argument) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of an argument: an option or word, its meaning, what it may be."""
+    for value, text in argument.flags.items():
+        yield f"`--{value}`", text, ""
+    for part in argument.parts.values():
+        yield from _rows(command, part)
+    if argument.flags or argument.parts:
+        return
+    names = ", ".join(f"`{option}`" for option in argument.options)
+    is_switch = argument.kinds == ("bool",)
+    value = "" if is_switch else f" `{argument.word}`" if names else f"`{argument.word}`"
+    allowed = ", ".join(argument.allowed) if isinstance(argument.allowed, tuple) else ""
+    if argument.limits is not None:
+        allowed = str(argument.limits)
+    is_number = isinstance(argument.default, (int, float)) and not is_switch and "." not in argument.name
+    allowed += f" ({argument.default:g})" if is_number else ""
+    meaning = command.spelled(argument.meaning) + " Repeatable." * (argument.repeated and bool(names))
+    if argument.listed is not None:
+        meaning += f" One of {', '.join(argument.listed())}."
+    yield f"{names}{value}".replace("|", "\\|"), meaning.replace("|", "\\|"), allowed.strip()
+
+
+if __name__ == "__main__":
+    print(commands_page(), end="")

@@ -12,7 +12,7 @@ import pytest
 from runs import IN_TURN, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.api.contents import contents
-from pgmp_petsc.cli.info import describe
+from pgmp_petsc.api.info import describe
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.results.derivatives import DEVIATION, PERCENT

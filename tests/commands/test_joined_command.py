@@ -14,8 +14,8 @@ from mpi4py import MPI
 from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.api.better import Correction, better_models, in_order
-from pgmp_petsc.cli import montecarlo
-from pgmp_petsc.cli.ensemble_table import report
+from pgmp_petsc.api.ensembles import exit_status
+from pgmp_petsc.texts.ensemble_table import report
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
 from pgmp_petsc.ensemble.allotment import PILOT, Plan, SampleFile
@@ -197,7 +197,7 @@ def test_a_sample_that_fails_in_one_model_is_left_out(model: ReducedModel, folde
     assert 0 < n_lost == found.joined.n_failed
     np.testing.assert_array_equal(found.joined.corrected["crank_angle"].counts, [40 - n_lost, N - n_lost])
     assert any(f"is without {n_lost} draws that failed" in remark.text for remark in found.record.remarks)
-    assert montecarlo.exit_status(found) == 1
+    assert exit_status(found) == 1
 
 
 def test_a_budget_allots_samples_and_a_resume_keeps_them(model: ReducedModel, folder: Path) -> None:
@@ -292,7 +292,7 @@ def test_a_rule_that_is_not_met_ends_with_status_one(model: ReducedModel, folder
     found = ran(model, Plan(100, SEED, folder / "unmet.h5"), stop=Stop((read_rule(rule, model.scene),)))
     said = f'--until "{rule}" is not met: these are all samples (-n 100), and +- '
     assert said in report(found, folder / "unmet.h5") and len(found.status) == 100
-    assert montecarlo.exit_status(found) == 1 and "--until" in found.record.remarks[-2].text
+    assert exit_status(found) == 1 and "--until" in found.record.remarks[-2].text
 
 
 def test_a_single_look_is_said_to_be_one(model: ReducedModel, folder: Path) -> None:
@@ -304,7 +304,7 @@ def test_a_single_look_is_said_to_be_one(model: ReducedModel, folder: Path) -> N
 def test_a_budget_alone_needs_no_number(model: ReducedModel, folder: Path) -> None:
     found = ran(model, Plan(10**9, SEED, folder / "budget.h5", is_limited=False), stop=Stop((), 0.5))
     assert "the budget of 0.5 s is spent" in report(found, folder / "budget.h5") and len(found.status) >= 8
-    assert montecarlo.exit_status(found) == 0
+    assert exit_status(found) == 0
 
 
 def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,16 +12,16 @@ from result_files import QUICK
 from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.api.arguments import _TAKEN, _alternatives
+from pgmp_petsc.api.arguments import _TAKEN, kinds_of
 
 FUNCTIONS = {name: found for name in pgmp.__all__ if inspect.isfunction(found := getattr(pgmp, name))}
 SHORT = {"simulation.duration": 2e-3, "ensemble.checked_share": 0.0}
 # what runs on a model in memory; of the others files are missing, and whatever is taken ends there
 RUNS = ("simulate", "montecarlo", "rare_event", "sensitivities", "fields")
 MISSING = {
-    "source": "none.h5", "rom": "none.h5", "scene": "none.toml", "path": "none.h5", "n": 2, "event": "crank_angle > 1",
-    "goal": "minimise r1", "files": ["none.h5"], "failed": "none.h5", "measured": "none.csv", "output": "none.h5",
-    "results": ["none.h5"], "result": "none.h5", "tables": {}, "times": [0.0],
+    "PathLike[str]": "none.h5", "Scene": "none.toml", "int": 2, "str": "none", "event": "crank_angle > 1",
+    "goal": "minimise r1", "Sequence[str | PathLike[str]]": ["none.h5"],
+    "Sequence[Result | str | PathLike[str]]": ["none.h5"], "Mapping[str, Any]": {}, "Sequence[float]": [0.0],
 }  # fmt: skip
 
 
@@ -43,7 +43,7 @@ def test_every_function_is_checked_by_annotations_that_are_known() -> None:
     for name, function in FUNCTIONS.items():
         assert hasattr(function, "__wrapped__"), name
         for entry in inspect.signature(function).parameters.values():
-            unknown = [kind for kind in _alternatives(entry.annotation) if kind not in _TAKEN]
+            unknown = [kind for kind in kinds_of(entry.annotation) if kind not in _TAKEN]
             assert unknown in ([], ["MPI.Comm"]), (name, entry)
 
 
@@ -56,11 +56,13 @@ def rom() -> pgmp.Rom:
 def test_arguments_of_all_kinds_are_taken_or_refused(name: str, rom: pgmp.Rom, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     parameters, values = inspect.signature(FUNCTIONS[name]).parameters, odd(rom, tmp_path)
-    known = {**MISSING, "source": rom, "rom": rom, "run": rom} if name in RUNS else MISSING
+    in_memory = {"source": rom, "rom": rom, "run": rom} if name in RUNS else {}
+    first = {key: next(kind for kind in kinds_of(entry.annotation)) for key, entry in parameters.items()}
+    known = {key: MISSING.get(key, MISSING.get(kind, "none.h5")) for key, kind in first.items()} | in_memory
     numbers = np.random.default_rng(len(name)).permutation(len(values))
     for wrong in parameters:
         for number in numbers if name not in RUNS else numbers[:12]:
-            needed = [key for key, entry in parameters.items() if entry.default is entry.empty and key in known]
+            needed = [key for key, entry in parameters.items() if entry.default is entry.empty]
             given = {key: known[key] for key in needed}
             given |= {"overrides": SHORT} if "overrides" in parameters and name in RUNS else {}
             given[wrong] = values[number]

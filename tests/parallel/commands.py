@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
+from os import PathLike
 from pathlib import Path
 
 import click
 import numpy as np
 
 from pgmp_petsc.cli import main as frame
+from pgmp_petsc.api.declared import command
+from pgmp_petsc.api.found import Found
+from pgmp_petsc.api.ranks import tell
+from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.cli.lazy import LazyCommand
-from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.session import say
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -148,13 +152,13 @@ def refused(kind: str) -> None:
     raise errors[kind]
 
 
-@click.command()
-@scene_options
-@output_option
-@click.pass_context
-def options(context: click.Context, settings: tuple, overrides: tuple, output: object) -> None:
+@command("options", "For a test.", 0, petsc=False)
+def options(
+    parameters: Parameters | None = None, overrides: Overrides = (), output: str | PathLike[str] | None = None,
+    comm: object = None,
+) -> None:  # fmt: skip
     """Print the shared options."""
-    say(context, f"{settings} {overrides} {output}")
+    tell(comm, f"{parameters} {overrides} {output}")
 
 
 @click.command()
@@ -166,9 +170,20 @@ def modules(context: click.Context) -> None:
 
 STARTED = (petsc, using, solving)
 OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, waiting, some_failed, options, modules, refused)
+
+
+class Own(LazyCommand):
+    """A command of this module, which click made or a declaration."""
+
+    def load(self) -> click.Command:
+        found = globals()[self.head.function]
+        return found if isinstance(found, click.Command) else super().load()
+
+
 for _command in (*STARTED, *OTHERS):
-    _name = _command.callback.__name__
-    frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_command in STARTED)
+    _name = _command.__name__ if _command is options else _command.callback.__name__
+    _head = Found(__name__, _name, _name, "For a test.", 0, _command in STARTED)
+    frame.COMMANDS[_name] = Own(_head)
 
 if __name__ == "__main__":
     frame.main()

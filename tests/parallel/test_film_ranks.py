@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from mpi4py import MPI
 from runs import IN_TURN, rom_of
 
-from pgmp_petsc.cli.animate import animate
-from pgmp_petsc.cli.calls import Session
+from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.session import Session
 from scenes import slider_crank
 
 
@@ -31,6 +31,7 @@ def test_one_rank_draws(n: int, mpirun: Callable, tmp_path: Path) -> None:
     assert statuses == [[0] * n, [2] * n, [2] * n]
     assert done.stderr.count("--mode 99") == 1 and done.stderr.count("nothing of this run is known") == 1
     assert "Traceback" not in done.stderr and not (tmp_path / "none.gif").exists()
-    one = CliRunner().invoke(animate, [*commands[0][1:-1], str(tmp_path / "one.gif")], obj=Session(MPI.COMM_SELF))
+    words = [*commands[0][1:-1], str(tmp_path / "one.gif")]
+    one = CliRunner().invoke(COMMANDS["animate"].load(), words, obj=Session(MPI.COMM_SELF))
     assert one.exit_code == 0
     assert (tmp_path / "several.gif").read_bytes() == (tmp_path / "one.gif").read_bytes()

@@ -23,7 +23,7 @@ from runs import paper_scene, rom_of
 from sealed import resealed
 
 from pgmp_petsc.api.contents import contents
-from pgmp_petsc.cli.info import describe
+from pgmp_petsc.api.info import describe
 from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.pieces import Piece

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pgmp_petsc.cli.estimates import of_trajectory
+from pgmp_petsc.texts.estimates import of_trajectory
 from pgmp_petsc.indicator.coverage import large_errors, not_estimated
 from pgmp_petsc.results import EstimatedErrors
 from scenes import slider_crank

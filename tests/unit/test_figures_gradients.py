@@ -11,7 +11,7 @@ import synthetic
 from pictures import assert_inside, legend_texts, visible
 from sealed import resealed
 
-from pgmp_petsc.cli.gradient_tables import design_lines, lines_of
+from pgmp_petsc.texts.gradient_tables import design_lines, lines_of
 from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.designs import design, fit, sensitivities
 from pgmp_petsc.results import Derivatives

@@ -19,8 +19,8 @@ from mpi4py import MPI
 from PIL import Image
 from runs import rom_of
 
-from pgmp_petsc.cli.animate import animate
-from pgmp_petsc.cli.calls import Session
+from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.session import Session
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.films import Pace
 from pgmp_petsc.figures.motion import motion_of, scale_of
@@ -41,7 +41,7 @@ def coloured(picture: np.ndarray) -> np.ndarray:
 
 def command(*arguments: object) -> Result:
     """Run ``pgmp animate`` in this process."""
-    return CliRunner().invoke(animate, [str(word) for word in arguments], obj=Session(MPI.COMM_SELF))
+    return CliRunner().invoke(COMMANDS["animate"].load(), [str(word) for word in arguments], obj=Session(MPI.COMM_SELF))
 
 
 def refused(*arguments: object) -> str:

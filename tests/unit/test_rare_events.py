@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.integrate import quad, trapezoid
 from scipy.stats import binom, chi2, multivariate_normal, norm
 
 from benchmarks.limit_states import limit_states
-from pgmp_petsc.cli.rare import alone
+from pgmp_petsc.api.ensembles import choose
 from pgmp_petsc.ensemble.design_points import design_points
 from pgmp_petsc.ensemble.importance import (
     CLUSTERS,
@@ -560,5 +561,5 @@ def test_what_is_no_event_is_refused(text: str, line: str) -> None:
 )
 def test_what_ensembles_alone_have_is_refused(option: dict, line: str) -> None:
     with pytest.raises(InputError) as error:
-        alone(**option)
+        choose({"event": "push < 1.0", "n": 500, **option}, MPI.COMM_SELF)
     assert line in str(error.value)

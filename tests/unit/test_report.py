@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from pgmp_petsc.cli.ensemble_table import lines_of
+from pgmp_petsc.texts.ensemble_table import lines_of
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget
 from pgmp_petsc.report.charts import Level, distribution

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 from runs import reduced_model
 
-from pgmp_petsc.cli.gradient_tables import design_lines
+from pgmp_petsc.texts.gradient_tables import design_lines
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate

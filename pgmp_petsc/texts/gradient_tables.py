@@ -1,4 +1,4 @@
-"""What commands say of derivatives, fits and designs."""
+"""What is said of derivatives, fits and designs."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
 from pgmp_petsc.results.designs import Design
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.numbers import interval_text, percent, share_text
-from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.runtime.errors import Remark, counted
+from pgmp_petsc.texts.estimates import closing
 
 NOTHING = 1e-9  # share of what a constraint had at the start
 
@@ -27,9 +27,19 @@ def lines_of_file(path: Path, kind: str) -> list[str]:
 def report(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what each parameter does to each figure, and all remarks."""
     lines = [f"{path}: reduced model, {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]
-    lines += remark_lines(found.record, said)
-    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *closing(found.record, said)])
+
+
+def report_of_fit(found: Fit, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the table of a fit, and all remarks."""
+    first = f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {found.n_runs} runs"
+    return "\n".join([first, *fit_lines(found), *closing(found.record, said)])
+
+
+def report_of_design(found: Design, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the table of a design, and all remarks."""
+    first = f"{path}: {counted(len(found.tried), 'design')} of {counted(found.n_samples, 'run')} each"
+    return "\n".join([first, *design_lines(found), *closing(found.record, said)])
 
 
 def lines_of(found: Derivatives) -> Iterator[str]:

@@ -1,14 +1,20 @@
-"""What a command says of estimated errors, of how far runs left small deformations, and of their balance of energy."""
+"""What is said of estimated errors, of how far runs left small deformations, and of their balance of energy; and how
+every report ends."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.results import Ensemble, EstimatedErrors
 from pgmp_petsc.results.errors import OF_STEP
 from pgmp_petsc.results.numbers import axis_unit, plain, share_text
+
+if TYPE_CHECKING:
+    from pgmp_petsc.results import Ensemble, EstimatedErrors, Trajectory
+    from pgmp_petsc.runtime.errors import Remark
+    from pgmp_petsc.runtime.files import RunRecord
 
 #: How the values of `VALIDITY` are written; those that are not known are left out.
 WRITTEN = {
@@ -21,6 +27,19 @@ WRITTEN = {
 NOT_ESTIMATED = "not estimated"
 
 
+def closing(record: RunRecord, said: Sequence[Remark] = (), but: str = "") -> list[str]:
+    """Return the last lines of a report: remarks but those that were `said` before and one that ends with `but`, and
+    timings."""
+    lines = [f"  {remark}" for remark in record.remarks if remark not in said and not (but and remark.text == but)]
+    return [*lines, *(f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in record.timings.items())]
+
+
+def of_run(run: Trajectory) -> list[str]:
+    """Return estimated errors and validity of a run; nothing where neither is known."""
+    lines = [] if run.errors is None else of_trajectory(run.errors, run.units, run.time[-1])
+    return [*lines, of_validity(run.validity)] if run.validity else lines
+
+
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) -> list[str]:
     """Return a line an output; the run ends at `end`, s, and what is estimated perhaps before."""
     what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
@@ -29,7 +48,8 @@ def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) ->
     lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
         known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
-        lines.append(f"  {name:24s}{f'{NOT_ESTIMATED:>16s}: {errors.absent[name]}' if name in errors.absent else known}")
+        absent = f"{NOT_ESTIMATED:>16s}: {errors.absent.get(name)}"
+        lines.append(f"  {name:24s}{absent if name in errors.absent else known}")
     return lines
 
 

@@ -1,32 +1,48 @@
-"""What a command says of an ensemble's figures: statistics, quantiles and probabilities with their intervals."""
+"""What is said of ensembles, of parts of them and of rare events: figures and probabilities with their intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.cli import estimates
-from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.results.numbers import (
     axis_unit,
     interval_text as _interval,
     number_text as _number,
     percent as _percent,
+    share_text,
 )
-from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.texts import estimates
+
+if TYPE_CHECKING:
+    from pgmp_petsc.results.rare_event import RareEvent
+    from pgmp_petsc.results.shard import ShardSamples
+    from pgmp_petsc.runtime.errors import Remark
+
+SHOWN = 12  # parameters of a design point
 
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
-    lines += remark_lines(ensemble.record, said)
-    lines += estimates.of_ensemble(ensemble)
-    lines += estimates.of_balance(ensemble)
-    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
-    return "\n".join(lines)
+    lines += [*estimates.of_ensemble(ensemble), *estimates.of_balance(ensemble)]
+    return "\n".join([*lines, *estimates.closing(ensemble.record, said)])
+
+
+def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return which samples are there, and what is left to do."""
+    place, failed = shard.place, int(np.sum(shard.status != 0))
+    first, last = place.first, place.first + len(shard.status)
+    which = f"shard {place.number}/{place.count}, samples {first} to {last - 1} of {place.n_samples}"
+    lines = [f"{path}: {shard.model} model, {which}", *(f"  {remark}" for remark in shard.found)]
+    if failed:
+        lines.append(f"  {failed} of {last - first} samples failed; pgmp merge says why")
+    lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
+    return "\n".join([*lines, *estimates.closing(shard.record, said)])
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:
@@ -147,3 +163,61 @@ def _unit(ensemble: Ensemble, name: str) -> tuple[float, str]:
     s = ensemble.statistics.get(name)
     factor, unit = axis_unit(ensemble.units.get(name, "1"), *(() if s is None or not s.count else (s.quantiles,)))
     return factor, "" if unit == "1" else unit
+
+
+def report_of_rare_event(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the probability of a rare event, how it was found, and all remarks but those that were said before."""
+    lines = [f"{path}: {result.model} model, {len(result.value)} samples", *lines_of_rare_event(result)]
+    return "\n".join([*lines, *estimates.closing(result.record, said)])
+
+
+def lines_of_rare_event(result: RareEvent) -> list[str]:
+    """Return the levels and the probability of a rare event."""
+    unit = "" if result.unit == "1" else f" {result.unit}"
+    found = [*_levels(result, unit), *_probability(result), *_most_likely(result)]
+    return [f"  rare event              {result.event}", *found]
+
+
+def _levels(result: RareEvent, unit: str) -> Iterator[str]:
+    if len(result.threshold):
+        yield f"  {'level':>7s}{'of ' + result.output + unit:>32s}{'share':>10s}{'so far':>12s}{'accepted':>10s}"
+    reached = np.cumprod(result.share)
+    for k, (threshold, share, accepted) in enumerate(zip(result.threshold, result.share, result.accepted), 1):
+        yield f"  {k:7d}{threshold:32.6g}{share:10.3f}{reached[k - 1]:12.3g}{accepted:10.2f}"
+
+
+def _probability(result: RareEvent) -> Iterator[str]:
+    if not result.reached:
+        bound = result.interval[1]
+        most = f"at most {bound:.3g} ({100 * result.confidence:g} %)" if np.isfinite(bound) else "unknown"
+        yield f"  probability             {most}: not reached"
+        return
+    low, high = result.interval
+    n_weighted = int(np.count_nonzero(result.weight))
+    yield (
+        f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], a {100 * result.confidence:g} % "
+        f"interval; coefficient of variation {share_text(result.variation)}"
+    )
+    plain = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
+    yield (
+        f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event; as many "
+        f"random samples as are as good: {plain:.2g}"
+    )
+
+
+def _most_likely(result: RareEvent) -> Iterator[str]:
+    """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
+    found = result.most_likely
+    if found is None:
+        yield "  design point            none: no search for it ended (no derivatives, or too few samples left)"
+        return
+    how = "exact derivatives" if found.is_exact else "differences"
+    for beta, chance in zip(found.beta, found.probability):
+        yield f"  design point            beta {beta:.4g}, first-order probability {chance:.4g} ({how})"
+    yield f"  {'most likely at':24s}{'value':>14s}{'share':>10s}"
+    order = np.argsort(-found.shares[0])
+    for k in order[:SHOWN]:
+        name = result.names[k]
+        yield f"    {name:22s}{found.parameters[name][0]:14.6g}{100 * found.shares[0, k]:8.1f} %"
+    if len(order) > SHOWN:
+        yield f"    {len(order) - SHOWN} others{100 * found.shares[0, order[SHOWN:]].sum():31.1f} %"

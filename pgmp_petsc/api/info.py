@@ -1,36 +1,23 @@
-"""``pgmp info``: what a result file holds."""
+"""What a result file holds, in words."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from datetime import datetime
+from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import click
-
-from pgmp_petsc.api.contents import Contents, contents
-from pgmp_petsc.cli.options import PathName
-from pgmp_petsc.cli.report import output_form, say, say_figures
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.api.contents import Contents, contents as read_contents
+from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.runtime.files import KINDS, shapes_of
 
-
-@click.command()
-@click.argument("file", type=PathName())
-@click.option("--scene", is_flag=True, help="Print the scene that the file was made from, as TOML.")
-@output_form
-@click.pass_context
-def info(context: click.Context, file: Path, scene: bool) -> None:
-    """Say what FILE holds: its origin, parameters, timings and datasets."""
-    comm = context.obj.comm
-    found = contents(file, comm=comm)
-    if context.obj.json:
-        say_figures(context, found.scene if scene else on_root(comm, found.summary))
-    else:
-        say(context, found.record.scene_toml.rstrip() if scene else on_root(comm, describe, found))
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
-def describe(found: Contents) -> str:
+def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
     """Return the description of a result file of any kind; by one process.
 
     Raises
@@ -38,6 +25,8 @@ def describe(found: Contents) -> str:
     InputError
         If what it holds does not fit together.
     """
+    if scene:
+        return found.record.scene_toml.rstrip()
     from pgmp_petsc.results.summary import origin_of
     from pgmp_petsc.runtime.timings import Timings
 
@@ -73,7 +62,7 @@ def describe(found: Contents) -> str:
 def _estimates(found: Contents) -> list[str]:
     """Return the figures of an ensemble, estimated errors, validity, and its balance of energy; a remark says what is
     not there."""
-    from pgmp_petsc.cli import ensemble_table, estimates
+    from pgmp_petsc.texts import ensemble_table, estimates
     from pgmp_petsc.results import Ensemble, Trajectory
 
     path = found.path
@@ -82,26 +71,22 @@ def _estimates(found: Contents) -> list[str]:
         of_errors = estimates.of_ensemble(ensemble)
         return [*ensemble_table.lines_of(ensemble), *of_errors, *estimates.of_balance(ensemble)]
     if found.kind == "rare_event":
-        from pgmp_petsc.cli.rare import lines_of
         from pgmp_petsc.results.rare_event import RareEvent
 
-        return lines_of(RareEvent.read(path))
+        return ensemble_table.lines_of_rare_event(RareEvent.read(path))
     if found.kind in ("sensitivities", "fit", "design"):
-        from pgmp_petsc.cli.gradient_tables import lines_of_file
+        from pgmp_petsc.texts.gradient_tables import lines_of_file
 
         return lines_of_file(path, found.kind)
     known = ("/validity/", "/errors/")
     if found.kind != "trajectory" or not any(name.startswith(known) for name in found.datasets):
         return []
-    trajectory = Trajectory.read(path)
-    errors = trajectory.errors
-    lines = [] if errors is None else estimates.of_trajectory(errors, trajectory.units, trajectory.time[-1])
-    return [*lines, estimates.of_validity(trajectory.validity)] if trajectory.validity else lines
+    return estimates.of_run(Trajectory.read(path))
 
 
 def _tradeoff(path: Path) -> str:
     """Return the table and the advice of a trade-off study."""
-    from pgmp_petsc.cli.tradeoff_table import summary
+    from pgmp_petsc.texts.tradeoff_table import summary
     from pgmp_petsc.results.tradeoff import Tradeoff
 
     return summary(Tradeoff.read(path))
@@ -143,3 +128,17 @@ def _of_lengths(name: str) -> tuple[str, int, str]:
 def _indented(text: str) -> str:
     """Indent every line by two spaces."""
     return "\n".join(f"  {line}" for line in text.splitlines())
+
+
+def _figures(found: Contents, scene: bool) -> Mapping[str, object]:
+    return found.scene if scene else found.summary()
+
+
+@command(
+    "info", "Say what a result file holds.", 170, petsc=False, report=describe, figures=_figures,
+    path=Argument("Result file of any kind.", word="FILE"),
+    shell={"scene": Argument("Print the scene that the file was made from, as TOML.")},
+)  # fmt: skip
+def contents(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Contents:
+    """Say what `path` holds: its origin, parameters, timings and datasets."""
+    return read_contents(path, comm=comm)

@@ -1,4 +1,4 @@
-"""``pgmp build``: the offline build of a reduced model."""
+"""What is said of single runs, of reduced models and of tables of frequencies."""
 
 from __future__ import annotations
 
@@ -6,52 +6,50 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
+import numpy as np
 
-from pgmp_petsc.api.modes import build as built
-from pgmp_petsc.cli.calls import Call
-from pgmp_petsc.cli.options import PathName, output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import output_form, remark_lines
-from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.results.numbers import axis_unit
+from pgmp_petsc.texts import estimates
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.results import ModesTable, Trajectory
+    from pgmp_petsc.runtime.errors import Remark
     from pgmp_petsc.studies.building import Built
 
-
-@click.command()
-@click.argument("scene", metavar="SCENE", type=PathName())
-@output_option
-@ranks_per_angle_option
-@click.option("--resume", is_flag=True, help="Take up a build of the same file that was stopped.")
-@output_form
-@scene_options
-@click.pass_context
-def build(
-    context: click.Context,
-    scene: Path,
-    output: Path,
-    ranks_per_angle: int,
-    resume: bool,
-    settings: tuple[str, ...],
-    overrides: tuple[str, ...],
-) -> None:
-    """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5).
-
-    With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
-    error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
-    out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what SCENE
-    leaves out although it matters is said, as in pgmp check --effects.
-
-    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
-    with any number of ranks. With a tolerance it is the runs that errors are measured against.
-    """
-    call = Call(context, output, settings, overrides)
-    made = built(scene, ranks_per_angle=ranks_per_angle, resume=resume, **call.arguments)
-    call.say(made, all_of)
+SHOWN = 6
+NOTHING = 1e-6  # of a mode's highest frequency
 
 
-def all_of(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
+def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
+    lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
+    for name, values in trajectory.outputs.items():
+        factor, unit = axis_unit(trajectory.units[name], values)
+        lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
+    lines += estimates.of_run(trajectory)
+    # why it stopped is the error that ends the command
+    return "\n".join([*lines, *estimates.closing(trajectory.record, said, trajectory.why_stopped or "")])
+
+
+def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the range of every frequency, how far the reduced ones are from it, and all remarks."""
+    lines = [
+        f"{path}: {len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}",
+        "  mode     lowest Hz    highest Hz   reduced, largest difference",
+    ]
+    for mode in range(min(SHOWN, table.full_hz.shape[1])):
+        full = table.full_hz[:, mode]
+        line = f"  {mode + 1:4d} {full.min():13.6g} {full.max():13.6g}"
+        if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
+            # a mechanism on a spring has no stiffness at a dead centre: there is nothing to compare with
+            some = np.abs(full) > NOTHING * np.max(np.abs(full))
+            line += f" {np.max(np.abs(table.reduced_hz[some, mode] / full[some] - 1), initial=0.0):14.2e}"
+        lines.append(line)
+    return "\n".join([*lines, *estimates.closing(table.record, said)])
+
+
+def report_of_build(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
     """Say what was built, what is doubtful about it, and what was chosen for tolerances."""
     chosen = [] if made.selection is None else made.selection.lines(attempts=False)
     return "\n".join([report(made.rom, path, said), *chosen])
@@ -71,9 +69,7 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     ]
     if tables.samples.n > len(rom.frequencies_hz):
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
-    lines += remark_lines(rom.record, said)
-    lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *estimates.closing(rom.record, said)])
 
 
 def beside_modes(rom: ReducedOrderModel) -> str:

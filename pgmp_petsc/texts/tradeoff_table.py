@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.texts.estimates import closing
+
+if TYPE_CHECKING:
+    from pgmp_petsc.runtime.errors import Remark
 
 WIDTH = 118
 REASONS_SHOWN = 5
+
+
+def report(study: Tradeoff, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what was measured, the advice, and all remarks."""
+    n_values = len(next(iter(study.test_values.values()), (0,)))
+    where = f"{n_values} values of {', '.join(study.varied)}" if study.varied else "the scene's values"
+    first = f"{path}: {len(study.families)} settings, errors at {where}, {study.record.ranks} rank(s)"
+    return "\n".join([first, summary(study), *closing(study.record, said)])
 
 
 def summary(study: Tradeoff) -> str:

@@ -1,0 +1,366 @@
+"""A command is a function and one declaration: what is said, once, of each of its arguments.
+
+From it follow the function's checks and docstring, click's command, ``--json`` and docs/commands.md. Commands are found
+by the heads of the modules in this room (`api.found`), which are read and not imported: a command is one more file, or
+one more function in a file of its kin::
+
+    @command("merge", "Join the shards of an ensemble.", 80, report=report, files=Argument("Shards, in any order."))
+    def merge(files: Sequence[str | PathLike[str]], *, output: ... = None, on_all_ranks: ..., comm: ...) -> Result:
+
+In meanings and in the function's description an argument stands in backticks: help of the command line has its option
+there.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any
+
+from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
+from pgmp_petsc.api.found import Found
+from pgmp_petsc.runtime.errors import InputError
+
+
+@dataclass(frozen=True)
+class Argument:
+    """What is said of an argument of a function; of `parts` the same of a field.
+
+    Attributes
+    ----------
+    meaning
+        For people.
+    option
+        Words of a command line that give it, such as ``-o --output``: by default two dashes and its name, or none where
+        the function must have it, which is then given by its place.
+    word
+        What stands there for the value; its name in capitals where nothing is said.
+    allowed
+        Range of a number, names to choose from, or how a message says what may be given.
+    required
+        Whether a command line has to give it although a program need not.
+    read
+        Makes the value of a text, or of all texts of an option that may be repeated.
+    flags
+        Options without a value in place of one with a value: meanings by the values that they stand for.
+    made, parts
+        The class of which it is an object, and what is said of its fields, which are options each.
+    listed
+        Returns names that it may be, with a line about each.
+    empty
+        What the option stands for without a value.
+    needs, why
+        Another argument without which this one has no part, and the reason.
+    name, kinds, default
+        What follows from the function's signature.
+    """
+
+    meaning: str = ""
+    option: str | None = None
+    word: str = ""
+    allowed: Range | tuple[str, ...] | str | None = None
+    required: bool = False
+    read: Callable[[Any], object] | None = None
+    flags: Mapping[str, str] = field(default_factory=dict)
+    made: type | None = None
+    parts: Mapping[str, Argument] = field(default_factory=dict)
+    listed: Callable[[], Mapping[str, str]] | None = None
+    empty: str | None = None
+    needs: str = ""
+    why: str = ""
+    name: str = ""
+    kinds: tuple[str, ...] = ()
+    default: object = None
+
+    @property
+    def options(self) -> list[str]:
+        """Words of a command line that give it; none where it is given by its place."""
+        return self.option.split() if self.option else []
+
+    @property
+    def limits(self) -> Range | None:
+        """The range of a number, where it has one."""
+        return self.allowed if isinstance(self.allowed, Range) else None
+
+    @property
+    def by_place(self) -> bool:
+        """Whether it is a word that is given by its place."""
+        return not (self.options or self.flags or self.parts)
+
+    @property
+    def called(self) -> str:
+        """How a command line calls it."""
+        if self.flags or self.parts:
+            return " or ".join([*(f"--{name}" for name in self.flags), *(part.called for part in self.parts.values())])
+        return self.options[-1] if self.options else self.word.split("|")[0]
+
+    @property
+    def repeated(self) -> bool:
+        """Whether it is given by several words."""
+        kind = next((kind for kind in self.kinds if kind != "None"), "")
+        return kind.startswith(("Sequence", "Mapping")) or kind in ("Overrides", "Parameters")
+
+    def filled(self, name: str, annotation: str, default: object, by_place: bool) -> Argument:
+        """Return the same with what follows from the function's signature."""
+        option = self.option
+        if option is None:
+            option = "" if by_place else f"--{name.rpartition('.')[2].replace('_', '-')}"
+        plain = {item: str(kind) for item, kind in getattr(self.made, "__annotations__", {}).items()}
+        parts = {
+            item: part.filled(f"{name}.{item}", plain[item], getattr(self.made, item, None), False)
+            for item, part in self.parts.items()
+        }
+        word = self.word or name.rpartition(".")[2].upper()
+        required = self.required or by_place
+        return replace(
+            self, name=name, option=option, kinds=kinds_of(annotation), default=default, parts=parts, word=word,
+            required=required,
+        )  # fmt: skip
+
+    def check(self, value: object, others: Mapping[str, object]) -> None:
+        """Refuse what does not fit with other arguments, or inside; raises `InputError`."""
+        if self.needs and value and others[self.needs] is None:
+            raise InputError(f"{self.name}: without {self.needs} {self.why}")
+        if self.by_place and self.repeated and isinstance(value, Sequence) and not value:
+            raise wrong(self.name, value, f"{self.allowed}, and not an empty one")
+        for item, part in self.parts.items() if value is not None else ():
+            given, limits = getattr(value, item), part.allowed
+            kind = int if "int" in part.kinds else (int, float)
+            if isinstance(limits, Range):
+                is_number = isinstance(given, kind) and not isinstance(given, bool)
+                if not (given is None and "None" in part.kinds) and not (is_number and limits.holds(given)):
+                    what = "whole numbers" if kind is int else "numbers"
+                    raise InputError(f"{part.name} = {given!r}: allowed are {what} {limits}")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A declared command.
+
+    Attributes
+    ----------
+    name, help, place
+        Its name, one line, and where it stands in lists.
+    function, others
+        What it calls, and what it calls instead where `choose` says so.
+    petsc
+        Whether PETSc is started for it, or the argument with which it is.
+    report
+        Returns the text of a result: of its data, the file's name, remarks that were printed before, and `shell`. None:
+        the function says on the way what it does.
+    figures
+        Returns the figures of ``--json``, of the result and `shell`; None where there are none.
+    status
+        Returns the exit status, of the result and `shell`, or raises why it is another.
+    choose
+        Returns which function is called, of what was given and the ranks; raises what does not fit.
+    about
+        Argument that names the result in the report where there is no file.
+    shell
+        Options that the command line alone has.
+    """
+
+    name: str
+    help: str
+    place: int
+    function: Callable[..., Any]
+    others: tuple[Callable[..., Any], ...]
+    petsc: bool | str
+    report: Callable[..., str] | None
+    figures: Callable[..., Mapping[str, object]] | None
+    status: Callable[..., int] | None
+    choose: Callable[..., Callable[..., Any]] | None
+    about: str
+    shell: Mapping[str, Argument]
+
+    @property
+    def arguments(self) -> dict[str, Argument]:
+        """What may be given on a command line, by name."""
+        found = dict(self.function.declared)
+        for function in self.others:
+            found |= {name: one for name, one in function.declared.items() if name not in found and not one.by_place}
+        found |= self.shell
+        order = ("output", *(name for name in found if name not in SHARED or name == "model"), *SHARED)
+        named = {name: found[name] for name in order if name in found}
+        return {name: one for name, one in named.items() if one.meaning or one.flags or one.parts}
+
+    def spelled(self, text: str) -> str:
+        """Return a text with arguments as a command line calls them."""
+        known = self.arguments
+        return re.sub(r"`([\w.]+)`", lambda found: known[found[1]].called if found[1] in known else found[1], text)
+
+    def given_to(self, function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what was given by the names that one of its functions has; words have the same places in all."""
+        functions = (self.function, function)
+        places = ([name for name, one in of.declared.items() if one.by_place and one.meaning] for of in functions)
+        names = dict(zip(*places))
+        return {names.get(name, name): value for name, value in given.items()}
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether it has ``--json``."""
+        return self.report is not None and self.figures is not None
+
+    @property
+    def description(self) -> str:
+        """What it does, in paragraphs."""
+        return self.spelled(_paragraphs(self.function.described))
+
+
+#: What several functions have. Those without a meaning are a program's alone.
+SHARED = {
+    "model": Argument(
+        flags={
+            "full": "Take the full-order model of a SCENE.",
+            "components": "Take the component model of a SCENE: flexible bodies in floating frames.",
+        }
+    ),
+    "output": Argument(
+        "File to write; it replaces an older one when it is complete.", "-o --output", "FILE", required=True
+    ),
+    "plot": Argument("Directory for the picture; made if it does not exist.", word="DIR"),
+    "resume": Argument(
+        "Take up what a stopped run left beside the same FILE.", needs="output",
+        why="nothing is kept that could be taken up; give the file's name",
+    ),
+    "ranks_per_angle": Argument(
+        "Ranks that share one eigenproblem; more than one where a rank's memory is too small.", word="N",
+        allowed=Range(1),
+    ),
+    "parameters": Argument("Value of a parameter NAME in single runs, SI units.", "--set", "NAME=VALUE"),
+    "overrides": Argument(
+        "Entry of the scene with the dotted key KEY, replaced by a TOML value.", "--override", "KEY=VALUE"
+    ),
+    "on_all_ranks": Argument(),
+    "comm": Argument(),
+}  # fmt: skip
+#: The same of those for people who write programs.
+_OF_PROGRAMS = {
+    "on_all_ranks": "Whether all ranks get the result; else the first alone has its data, with columns in a file.",
+    "comm": "The ranks, all of which make the call; by default COMM_WORLD where it has several, else COMM_SELF.",
+    "output": "File to write, as the command does; a table where its name ends in .csv.",
+    "resume": "Whether to take up what a stopped run left beside the file; without one nothing is kept on the way.",
+    "parameters": 'Values in single runs, SI units: a mapping of names to numbers, or texts "name=VALUE".',
+    "overrides": 'Entries of the scene: a mapping of dotted keys to values, or texts "dotted.key=VALUE" in TOML.',
+    "model": "'full' or 'components' with a scene; 'reduced' or nothing with a reduced model.",
+}
+OPTIONAL_OUTPUT = replace(SHARED["output"], required=False)
+
+
+def found_command(head: Found) -> Command:
+    """Return the declaration that a head is of; its module is imported."""
+    return getattr(import_module(head.module), head.function).command
+
+
+def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function], Function]:
+    """Declare a function of the Python interface: it is checked and documented by what is said of its arguments, and of
+    what it `gives`.
+
+    Raises
+    ------
+    TypeError
+        When the module is imported, if nothing is said of an argument, or something of one that it does not have.
+    """
+
+    def declare(function: Function) -> Function:
+        signature = inspect.signature(function).parameters
+        said = SHARED | arguments
+        strange = [name for name in (*signature, *arguments) if name not in said or name not in signature]
+        if strange:
+            raise TypeError(f"{function.__name__}: {', '.join(strange)}: no argument, or one of which nothing is said")
+        declared = {}
+        for name, entry in signature.items():
+            by_place = entry.default is entry.empty and not said[name].option
+            declared[name] = said[name].filled(name, str(entry.annotation), entry.default, by_place)
+        names = dict(pair for argument in declared.values() for pair in _names_of(argument))
+        call = checked(function, declared, names)
+        call.declared, call.described = declared, inspect.getdoc(function) or ""
+        call.__doc__ = _docstring(call.described, declared, inspect.signature(function).return_annotation, gives)
+        return call
+
+    return declare
+
+
+def summary(result: Any) -> Mapping[str, object]:
+    """Return the figures of a result, those of most commands."""
+    return result.summary()
+
+
+def command(
+    name: str, help: str, place: int, /, *, petsc: bool | str = True, report: Callable[..., str] | None = None,
+    figures: Callable[..., Mapping[str, object]] | None = summary, status: Callable[..., int] | None = None,
+    choose: Callable[..., Callable[..., Any]] | None = None, others: Sequence[Callable[..., Any]] = (),
+    about: str = "", shell: Mapping[str, Argument] | None = None, gives: str = "", **arguments: Argument,
+) -> Callable[[Function], Function]:  # fmt: skip
+    """Declare a command by the attributes of `Command`, and its function as `interface` does."""
+
+    def declare(function: Function) -> Function:
+        call = interface(gives, **arguments)(function)
+        call.__doc__ = f"{call.__doc__}\n\nThe command is ``pgmp {name}``."
+        options = {key: one.filled(key, "bool", False, False) for key, one in (shell or {}).items()}
+        call.command = Command(
+            name, help, place, call, tuple(others), petsc, report, figures, status, choose, about, options
+        )
+        return call
+
+    return declare
+
+
+def numbers_by_name(option: str, needed: str, above: float = -math.inf) -> Callable[[Sequence[str]], dict[str, float]]:
+    """Return what reads texts ``NAME=NUMBER`` of an option, finite numbers above a limit; it raises `InputError`."""
+
+    def read(texts: Sequence[str]) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for text in texts:
+            name, _, value = (word.strip() for word in text.partition("="))
+            try:
+                number = float(value)
+            except ValueError:
+                number = math.nan
+            if not above < number < math.inf:
+                raise InputError(f"{option} {text}: {needed}")
+            if name in found:
+                raise InputError(f"{option} {text}: '{name}' is there twice; give it once")
+            found[name] = number
+        return found
+
+    return read
+
+
+def _names_of(argument: Argument) -> Iterator[tuple[str, str]]:
+    """Yield words of a command line with what a program calls them."""
+    yield from ((option, argument.name.rpartition(".")[2]) for option in argument.options)
+    yield from ((f"--{value}", f"{argument.name} = '{value}'") for value in argument.flags)
+    for part in argument.parts.values():
+        yield from _names_of(part)
+
+
+def _paragraphs(text: str) -> str:
+    """Return what a docstring says before its sections."""
+    return re.split(r"\n\n(?=\w+\n-{3,}\n)", text)[0]
+
+
+def _docstring(described: str, declared: Mapping[str, Argument], returned: object, gives: str) -> str:
+    """Return a docstring with sections of parameters and of what is returned."""
+    # a command line keeps the lines of a paragraph that a backspace precedes
+    said, *rest = re.split(r"\n\n(?=\w+\n-{3,}\n)", described.replace("\b\n", ""))
+    lines = [f"{said} Collective on `comm`." if "\n" not in said else f"{said}\n\nCollective on `comm`."]
+    lines += ["", "Parameters", "----------"]
+    for name, argument in declared.items():
+        lines.append(f"{name} : {' or '.join(argument.kinds)}")
+        meaning = _OF_PROGRAMS.get(name, argument.meaning)
+        parts = [f"{part.name}: {part.meaning}" for part in argument.parts.values()]
+        allowed = ", ".join(argument.allowed) if isinstance(argument.allowed, tuple) else argument.limits
+        meaning += f" Allowed: {allowed}." if allowed else ""
+        lines += [line for text in (meaning, *parts) for line in _indented(text)]
+    lines += ["", "Returns", "-------", str(returned), *_indented(gives)] if gives else []
+    return "\n".join([*lines, *(f"\n{section}" for section in rest)])
+
+
+def _indented(text: str) -> list[str]:
+    return textwrap.wrap(text, 112, initial_indent="    ", subsequent_indent="    ")

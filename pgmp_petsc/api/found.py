@@ -1,0 +1,55 @@
+"""The functions of the interface and the commands, as the heads of the modules in this room declare them.
+
+Heads are read, modules are not imported: neither `pgmp --help` nor ``import pgmp_petsc`` waits for what commands need.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+ROOM = Path(__file__).parent
+# the decorator at a function's head, whose first words are a command's name, its line of help and its place in lists
+_HEAD = re.compile(
+    r'^@(?:command\(\s*"(?P<name>\w+)",\s*"(?P<help>[^"]*)",\s*(?P<place>\d+)(?P<rest>.*?)|interface\(.*?)'
+    r"^def (?P<function>\w+)",
+    re.MULTILINE | re.DOTALL,
+)
+_PETSC = re.compile(r'\bpetsc=(?:(False)|"(\w+)")')
+
+
+@dataclass(frozen=True)
+class Found:
+    """A function of the interface, as the head of its module has it.
+
+    Attributes
+    ----------
+    module, function
+        Where it is.
+    name, help, place, petsc
+        Of its command; an empty name where it has none.
+    """
+
+    module: str
+    function: str
+    name: str
+    help: str
+    place: int
+    petsc: bool | str
+
+
+@cache
+def found(room: Path = ROOM) -> tuple[Found, ...]:
+    """Return all functions of the interface in a room, commands in the order of lists; no module is imported."""
+    functions = []
+    for path in sorted(room.glob("*.py")):
+        for head in _HEAD.finditer(path.read_text(encoding="utf-8")):
+            starts = _PETSC.search(head["rest"] or "")
+            petsc = True if starts is None else starts[2] or False
+            functions.append(
+                Found(f"{__package__}.{path.stem}", head["function"], head["name"] or "", head["help"] or "",
+                      int(head["place"] or 0), petsc)
+            )  # fmt: skip
+    return tuple(sorted(functions, key=lambda one: one.place))

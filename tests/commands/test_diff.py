@@ -1,0 +1,116 @@
+"""``pgmp diff``: differences that are known, at their places; what cannot be compared, and the exit status."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from click.testing import CliRunner
+from mpi4py import MPI
+
+import pgmp_petsc as pgmp
+from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.session import Session
+
+
+def diff(*words: object) -> tuple[int, str]:
+    """Run the command in this process."""
+    done = CliRunner().invoke(COMMANDS["diff"].load(), [str(word) for word in words], obj=Session(MPI.COMM_SELF))
+    return done.exit_code, f"{done.output}{'' if done.exception is None else done.exception}"
+
+
+def test_the_largest_difference_of_a_run_is_found_where_it_is(tmp_path: Path) -> None:
+    """Beside a run with a bump of 4 cm in the middle of an output that goes from 1 to 2 m."""
+    run = synthetic.trajectory("reduced", n_frames=4)
+    name, middle = "slider_deformation", len(run.time) // 2
+    line = {one: np.linspace(1.0, 2.0, len(run.time)) for one in run.outputs}
+    bump = line | {name: line[name] + 0.04 * (np.arange(len(run.time)) == middle)}
+    replace(run, outputs=line).write(tmp_path / "a.h5")
+    replace(run, outputs=bump).write(tmp_path / "b.h5")
+    found = pgmp.diff(tmp_path / "a.h5", tmp_path / "b.h5")
+    one = found.outputs[name]
+    assert one.largest == pytest.approx(0.04, rel=1e-12) and one.share == pytest.approx(0.02, rel=1e-12)
+    assert one.place == run.time[middle] and one.unit == "m" and found.is_within
+    assert found.outputs["crank_angle"].largest == 0.0 and found.compared == len(run.time)
+    backwards = pgmp.diff(pgmp.read(tmp_path / "b.h5"), pgmp.read(tmp_path / "a.h5"), tolerance=0.03)
+    assert backwards.outputs[name].largest == -one.largest and backwards.is_within
+    assert diff(tmp_path / "a.h5", tmp_path / "b.h5", "--tolerance", "0.03")[0] == 0
+    status, text = diff(tmp_path / "a.h5", tmp_path / "b.h5", "--tolerance", "0.01")
+    assert status == 1 and "slider_deformation" in text and "(2 % of its largest value)" in text
+    status, text = diff(tmp_path / "a.h5", tmp_path / "b.h5", "--json")
+    assert status == 0 and json.loads(text)["outputs"][name]["place"] == run.time[middle]
+
+
+def test_runs_of_other_steps_are_compared_where_both_are() -> None:
+    runs = [synthetic.trajectory("reduced", n_frames=4, n_times=n) for n in (1001, 335)]
+    lines = (replace(run, outputs={one: 1.0 + run.time for one in run.outputs}) for run in runs)
+    a, b = (pgmp.Result("trajectory", run, MPI.COMM_SELF, Path()) for run in lines)
+    found = pgmp.diff(a, b)
+    # a straight line is interpolated to round-off of its values of 1 to 2
+    assert found.compared == 335 and max(abs(one.largest) for one in found.outputs.values()) < 1e-14
+
+
+def test_ensembles_are_compared_by_sample() -> None:
+    data = synthetic.ensemble("full", 20)
+    outputs = {name: np.nan_to_num(values) for name, values in data.outputs.items()}
+    moved = {name: values.copy() for name, values in outputs.items()}
+    status = np.zeros(20, dtype=np.asarray(data.status).dtype)
+    name = next(iter(moved))
+    moved[name][7] += 1.0
+    moved[name][3] = np.nan
+    failed = status.copy()
+    failed[3] = 2
+    a, b = (
+        pgmp.Result("ensemble", replace(data, outputs=columns, status=codes), MPI.COMM_SELF, Path())
+        for columns, codes in ((outputs, status), (moved, failed))
+    )
+    found = pgmp.diff(a, b, tolerance=1e3)
+    assert found.outputs[name].place == 7.0 and found.outputs[name].largest == pytest.approx(1.0)
+    # one sample failed in one of the two, whatever the others are
+    assert (found.compared, found.lacking, found.is_within) == (19, ("1 sample failed in one of the two",), False)
+
+
+def test_an_output_that_one_of_the_two_lacks_is_named() -> None:
+    run = synthetic.trajectory("reduced", n_frames=4)
+    few = replace(run, outputs={"crank_angle": run.outputs["crank_angle"]})
+    a, b = (pgmp.Result("trajectory", data, MPI.COMM_SELF, Path()) for data in (run, few))
+    found = pgmp.diff(a, b, tolerance=1.0)
+    assert "output slider_deformation is in one of the two" in found.lacking
+    assert not found.is_within and list(found.outputs) == ["crank_angle"]
+
+
+def test_a_run_that_ends_before_the_other_is_not_within(tmp_path: Path) -> None:
+    run = synthetic.trajectory("reduced", n_frames=4)
+    run.write(tmp_path / "a.h5")
+    # the same steps, in half the time
+    replace(run, time=0.5 * run.time).write(tmp_path / "b.h5")
+    status, text = diff(tmp_path / "a.h5", tmp_path / "b.h5", "--tolerance", "1e9")
+    assert status == 1 and "  one of the two ends at 0.5 s, the other at 1 s\n" in text
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
+    synthetic.trajectory("reduced", n_frames=4).write(tmp_path / "run.h5")
+    synthetic.ensemble("full", 20).write(tmp_path / "twenty.h5")
+    synthetic.ensemble("full", 10).write(tmp_path / "ten.h5")
+    synthetic.modes_table().write(tmp_path / "modes.h5")
+    run = pgmp.read(tmp_path / "run.h5")
+    other = replace(run.data, outputs={"other": run.outputs["crank_angle"]})
+    for pair, message in {
+        ("run.h5", "modes.h5"): "modes.h5': a table of modes; two runs or two ensembles can be compared",
+        ("run.h5", "twenty.h5"): "twenty.h5'): two kinds",
+        ("twenty.h5", "ten.h5"): "ensembles of 20 and 10 samples: they are not of the same values",
+    }.items():
+        with pytest.raises(pgmp.InputError) as error:
+            pgmp.diff(*(tmp_path / name for name in pair))
+        assert message in str(error.value)
+    with pytest.raises(pgmp.InputError, match="have no output in common"):
+        pgmp.diff(run, pgmp.Result("trajectory", other, MPI.COMM_SELF, Path()))
+    with pytest.raises(pgmp.InputError, match="tolerance = -1: allowed are numbers from 0"):
+        pgmp.diff(run, run, tolerance=-1)
+    later = replace(run.data, time=run.time + 1e3)
+    with pytest.raises(pgmp.InputError, match="have no instant, or no fine sample, in common"):
+        pgmp.diff(run, pgmp.Result("trajectory", later, MPI.COMM_SELF, Path()))
