@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.api.arguments import checked, overrides_of, plain, settings_of
 from pgmp_petsc.api.ranks import ranks_of, tell_remarks
+from pgmp_petsc.declare.plugins import take
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
@@ -17,6 +18,27 @@ if TYPE_CHECKING:
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
+
+
+@checked
+def use(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> None:
+    """Take the ideas that a Python file declares: scenes may name them from then on. Collective on `comm`.
+
+    Every rank runs the file. One that is in use already is left as it is; one that has changed is read again.
+
+    Parameters
+    ----------
+    path
+        A file as docs/extending.md shows it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or whose name is
+        taken; with the file and line.
+    """
+    with agreed(ranks_of(comm), "reading plugins"):
+        take(Path(path))
 
 
 @checked

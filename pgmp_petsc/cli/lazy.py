@@ -16,6 +16,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from pgmp_petsc.cli.calls import Session
+from pgmp_petsc.cli.options import with_plugins
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.runtime.surroundings import check_variables
 
@@ -41,7 +42,7 @@ class LazyCommand:
     def load(self) -> click.Command:
         """Import the module and return the command."""
         module, _, function = self.target.partition(":")
-        command = getattr(import_module(module), function)
+        command = with_plugins(getattr(import_module(module), function))
         gc.freeze()  # modules live to the end: later collections need not look through them
         gc.enable()
         return command

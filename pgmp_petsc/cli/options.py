@@ -125,6 +125,31 @@ def ranks_per_angle_option(command: Command) -> Command:
     )(command)
 
 
+def with_plugins(command: click.Command) -> click.Command:
+    """Add the repeatable ``--plugin FILE.py`` to a command: what the files declare is known before it begins."""
+    if not any(parameter.name == "plugins" for parameter in command.params):
+        option = click.Option(
+            ["--plugin", "plugins"],
+            multiple=True,
+            metavar="FILE.py",
+            type=PathName(),
+            is_eager=True,
+            expose_value=False,
+            callback=_use,
+            help="Run a Python file that declares effects, outputs or joints of your own; repeatable.",
+        )
+        command.params.append(option)
+    return command
+
+
+def _use(context: click.Context, option: click.Parameter, files: tuple[Path, ...]) -> None:
+    if files and not context.resilient_parsing:
+        from pgmp_petsc.api.scenes import use  # few calls have some
+
+        for file in files:
+            use(file, comm=context.obj.comm)
+
+
 def model_options(command: Command) -> Command:
     """Add ``--full`` and ``--components``; the function receives both (bool)."""
     components = "Take the component model of a SCENE: flexible bodies in floating frames."

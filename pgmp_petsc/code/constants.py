@@ -48,7 +48,6 @@ from pgmp_petsc.scene.uses import uses_of, velocity_names
 CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 # Of all three attempts at a step.
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
-STRENGTH_UNITS = {"torque": "N m", "force": "N", "gravity": "1"}  # by the type of the effect
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
@@ -218,7 +217,7 @@ def tunable(scene: Scene) -> dict[str, float]:
 
 def _unit_of_strength(name: str, scene: Scene) -> str:
     """Return the unit of a strength; that of a load's part is a factor of its parameter."""
-    return STRENGTH_UNITS.get(scene.effects[name].type, "") if name in scene.effects else "1"
+    return scene.effects[name].strength_unit if name in scene.effects else "1"
 
 
 def _unit_of(name: str, scene: Scene) -> str:

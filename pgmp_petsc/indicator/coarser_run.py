@@ -48,7 +48,6 @@ LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations move what has friction or stops
 ROUGH = 3.0
-EDGED = ("joint_friction", "end_stop")
 
 
 @dataclass(frozen=True)
@@ -226,7 +225,7 @@ def step_errors(
         if share > loudest[0]:
             loudest = share, turn / (2.0 * np.pi * step)
     trembles = loudest[0] > TREMBLES
-    unsure = any(effect.type in EDGED for effect in scene.effects.values()) and (
+    unsure = any(effect.edged for effect in scene.effects.values()) and (
         trembles or other.status[sample] != Status.FINE
     )
     order = ROUGH if unsure else ratio**2 - 1.0

@@ -14,6 +14,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
+    "declare",
     "scene",
     "mesh",
     "bodies",
@@ -44,7 +45,7 @@ FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
 NEEDS = {
     "runtime": set(),
-    "scene": set(),
+    "scene": {"declare"},
     "mesh": set(),
     "results": set(),
     "bodies": {"scene", "mesh"},
@@ -56,7 +57,7 @@ NEEDS = {
     "export": {"results"},
     "report": {"results", "figures"},
 }
-WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results")
+WITHOUT_PETSC = ("declare", "scene", "mesh", "figures", "export", "report", "results")
 
 
 def imports_of(path: Path, for_types: bool = True) -> set[str]:

@@ -1,0 +1,6 @@
+"""Ideas declare themselves and are found: one class says what a scene may write and what the models make of it.
+
+What comes in: folders of the package, entry points of installed packages, files given by ``--plugin`` or
+``pgmp.use``. What goes out: the classes of a family by their ``type``, from which the scene makes its schema. Begin
+with `ideas`; `plugins` loads files and says with which of them a result was made.
+"""
