@@ -22,7 +22,8 @@ Parameters = Mapping[str, float] | Sequence[str]
 
 @checked
 def use(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> None:
-    """Take the ideas that a Python file declares: scenes may name them from then on. Collective on `comm`.
+    """Take the ideas that a Python file declares, effects and outputs, which scenes may name from then on. Collective on
+    `comm`.
 
     Every rank runs the file. One that is in use already is left as it is; one that has changed is read again.
 

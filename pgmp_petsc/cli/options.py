@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
@@ -127,27 +128,26 @@ def ranks_per_angle_option(command: Command) -> Command:
 
 def with_plugins(command: click.Command) -> click.Command:
     """Add the repeatable ``--plugin FILE.py`` to a command: what the files declare is known before it begins."""
-    if not any(parameter.name == "plugins" for parameter in command.params):
-        option = click.Option(
-            ["--plugin", "plugins"],
-            multiple=True,
-            metavar="FILE.py",
-            type=PathName(),
-            is_eager=True,
-            expose_value=False,
-            callback=_use,
-            help="Run a Python file that declares effects, outputs or joints of your own; repeatable.",
-        )
-        command.params.append(option)
+    if any(parameter.name == "plugins" for parameter in command.params):
+        return command
+    of_command = command.callback
+
+    @wraps(of_command)
+    def with_them(*arguments: object, plugins: tuple[Path, ...], **options: object) -> object:
+        if plugins:
+            from pgmp_petsc.api.scenes import use  # few calls have some
+
+            for file in plugins:
+                use(file, comm=click.get_current_context().obj.comm)
+        return of_command(*arguments, **options)
+
+    command.callback = with_them
+    told = "Run a Python file that declares effects or outputs of your own; repeatable."
+    file_name = PathName()
+    command.params.append(
+        click.Option(["--plugin", "plugins"], multiple=True, metavar="FILE.py", type=file_name, help=told)
+    )
     return command
-
-
-def _use(context: click.Context, option: click.Parameter, files: tuple[Path, ...]) -> None:
-    if files and not context.resilient_parsing:
-        from pgmp_petsc.api.scenes import use  # few calls have some
-
-        for file in files:
-            use(file, comm=context.obj.comm)
 
 
 def model_options(command: Command) -> Command:

@@ -125,7 +125,8 @@ class Family:
 
 
 EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
-FAMILIES = (EFFECTS,)
+OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
+FAMILIES = (EFFECTS, OUTPUTS)
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 

@@ -114,7 +114,8 @@ class StructuralDamping(EffectEntry):
             if body not in scene.bodies:
                 yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", given)
             elif body not in flexible:
-                yield problem(f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", given)
+                words = f"{body} is rigid; only flexible bodies have structural damping"
+                yield problem(f"{entry}.bodies", words, given)
         if self.bodies is None and not flexible:
             yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
         taken = {}

@@ -63,7 +63,9 @@ class EndStop(OnJoint):
     upper: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
         None, description="where the stop at the upper end is (rad or m), a number or a parameter's name"
     )
-    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(description="Nm/rad or N/m, a number or a parameter's name")
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
+        description="Nm/rad or N/m, a number or a parameter's name"
+    )
     damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
         0.0,
         description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
@@ -114,7 +116,9 @@ class JointDamping(OnJoint):
     changeable = ("coefficient",)
     nothing_without = strength = "coefficient"
     local = True
-    coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
+    coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
+        description="Nm s/rad or N s/m, a number or a parameter's name"
+    )
 
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:

@@ -115,7 +115,9 @@ class Gravity(EffectEntry):
     direction: Direction = Field(
         (0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter"
     )
-    acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(9.81, description="acceleration (m/s2), a number or a parameter's name")
+    acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(
+        9.81, description="acceleration (m/s2), a number or a parameter's name"
+    )
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if it has no direction in space."""

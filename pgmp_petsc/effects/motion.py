@@ -50,7 +50,7 @@ class PrescribedMotion(Driving):
         return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such coordinate, something else moves or starts it, or steps do not resolve it."""
+        """Yield a line if there is no such coordinate, something else moves it, or steps do not resolve it."""
         if self.harmonic is not None:
             yield from harmonic_problems(scene, f"effects.{name}", self)
         entry = f"effects.{name}.coordinate"

@@ -212,8 +212,12 @@ class SpringDamper(OnJoint):
     local = True
     joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
-    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(0.0, description="Nm/rad or N/m, a number or a parameter's name")
-    damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(0.0, description="Nm s/rad or N s/m, a number or a parameter's name")
+    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(
+        0.0, description="Nm/rad or N/m, a number or a parameter's name"
+    )
+    damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
+        0.0, description="Nm s/rad or N s/m, a number or a parameter's name"
+    )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
         None,
         description="angle (rad), displacement or distance (m) without force, a number or a parameter's name; 0 for a "
@@ -275,9 +279,15 @@ class Bushing(EffectEntry):
     stiffness: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N/m")] = Field(
         (), description="along each axis, the last completes the frame (N/m), numbers or parameters' names"
     )
-    damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N s/m")] = Field((), description="along each axis (N s/m)")
-    turning_stiffness: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m/rad")] = Field((), description="about each axis (Nm/rad)")
-    turning_damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m s/rad")] = Field((), description="about each axis (Nm s/rad)")
+    damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N s/m")] = Field(
+        (), description="along each axis (N s/m)"
+    )
+    turning_stiffness: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m/rad")] = Field(
+        (), description="about each axis (Nm/rad)"
+    )
+    turning_damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m s/rad")] = Field(
+        (), description="about each axis (Nm s/rad)"
+    )
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -294,7 +304,8 @@ class Bushing(EffectEntry):
         if len(given) != n - 1 or any(len(axis) != n for axis in given):
             yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
         elif n == 3 and are_parallel(*given):
-            yield problem(f"{entry}.reference", "the axes must not be parallel; the second one is at a right angle", given)
+            words = "the axes must not be parallel; the second one is at a right angle"
+            yield problem(f"{entry}.reference", words, given)
         for key, count in (
             ("stiffness", n),
             ("damping", n),

@@ -38,10 +38,6 @@ if TYPE_CHECKING:
 
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
-#: Joints that rotate, and those that rotate or slide, in the plane and in space.
-TURNING = {d: joints_with("turning", dimension=d) for d in (2, 3)}
-SLIDING = joints_with("sliding")
-MOVING = {d: joints_with("turning", "sliding", dimension=d) for d in (2, 3)}
 
 
 def effect_problems(scene: Scene) -> Iterator[str]:
@@ -163,8 +159,8 @@ def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
     if abs(found.seen - found.exact) > tolerated:
         yield problem(
             entry,
-            f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} read every "
-            f"{run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
+            f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} "
+            f"read every {run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
         )
 
 

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effect_checks import (
-    SLIDING,
-    TURNING,
     effect_problems,
     joint_problems,
     point_problems,
@@ -22,10 +20,8 @@ from pgmp_petsc.scene.effect_checks import (
 )
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute
+from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute, joints_with
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import Angle, Distance, Sliding, Stress
-from pgmp_petsc.scene.stress_checks import stress_problems
 from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
@@ -70,7 +66,8 @@ def _joints(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         entry = f"joints.{name}.connect"
         owners = [split_point(point)[0] for point in joint.connect]
-        yield from (line for point in joint.connect for line in point_problems(scene, entry, point, ground_allowed=True))
+        for point in joint.connect:
+            yield from point_problems(scene, entry, point, ground_allowed=True)
         if owners[0] == owners[1]:
             yield problem(
                 entry,
@@ -117,16 +114,14 @@ def _outputs(scene: Scene) -> Iterator[str]:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
         if name == "time":
             yield problem("outputs.time", "result files keep instants under this name; give the output another one")
-        if isinstance(output, Angle):
-            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, TURNING[scene.dimension])
-        elif isinstance(output, Sliding):
-            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, SLIDING)
-        elif isinstance(output, Distance):
+        if output.joints:
+            fitting = joints_with(*output.joints, dimension=scene.dimension)
+            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, fitting)
+        if getattr(output, "points", None) is not None:
             yield from points_problems(scene, f"outputs.{name}.points", output.points)
-        elif isinstance(output, Stress):
-            yield from stress_problems(scene, name, output)
-        else:
+        if getattr(output, "point", None) is not None:
             yield from point_problems(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
+        yield from output.problems(scene, name)
 
 
 def _initial_states(scene: Scene) -> Iterator[str]:
@@ -223,9 +218,6 @@ def _in_the_plane(scene: Scene) -> Iterator[str]:
         if body.placement is not None and body.placement.rotation is not None:
             rotation = list(body.placement.rotation)
             yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
-    for name, output in scene.outputs.items():
-        if getattr(output, "axis", "x") == "z":
-            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
 
 
 def _in_space(scene: Scene) -> Iterator[str]:
@@ -244,7 +236,3 @@ def _in_space(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         if joint.type == "revolute" and joint.axis is None:
             yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")
-    for name, output in scene.outputs.items():
-        if output.type == "rotation":
-            why = "a rotation in space is no single number; take the angle of a joint"
-            yield problem(f"outputs.{name}.type", why, output.type)

@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, along
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.installed import alone
@@ -162,7 +162,7 @@ def _collect(
         return along_v, along_a + rows.drift(q, v)[0]
 
     coordinates = mechanism.coordinates
-    theta = np.array([joint_angle(c.connection, model.kinematics)[0](frames) for c in coordinates])
+    theta = np.array([Reading.of_angle(c.connection, model.kinematics).value(frames) for c in coordinates])
     moving = np.array([rates(c.connection.angle, c.connection.sides) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:

@@ -28,13 +28,34 @@ from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 (LISTING,) = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+OUTPUT = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.mechanism.statements import along
+from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.scene.fields import Direction, Point
+from pgmp_petsc.scene.outputs import OutputEntry
+
+class Along(OutputEntry):
+    \'\'\'Place of a point along a direction, from the ground's origin (m).\'\'\'
+
+    type: Literal["along"]
+    reads, unit = "frames", "m"
+    point: Point
+    direction: Direction
+
+    def reading(self, name, start, kinematics):
+        mechanism = kinematics.mechanism
+        sides = mechanism.attachment("ground:origin", name), mechanism.attachment(self.point, name)
+        return Reading("MEASURE", sides, along(np.array(self.direction)), space=mechanism.space)
+"""
 TABLE = '{type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0}'
 
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left() -> Iterator[None]:
     """Forget the plugins of a test: other tests list what there is."""
-    before = [dict(family.classes) for family in FAMILIES], dict(IN_USE)
+    before = [dict(zip(family.names, family.found())) for family in FAMILIES], dict(IN_USE)
     yield
     for family, classes in zip(FAMILIES, before[0]):
         family.classes = classes
@@ -63,17 +84,25 @@ MODELS: dict[str, Callable[[Scene], Trajectory]] = {
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
-    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most."""
-    pgmp.use(line_spring)
+    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most.
+
+    The output of another plugin is the place that the program's own output is.
+    """
+    (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
+    for path in (line_spring, of_output):
+        pgmp.use(path)
     text = scene_to_toml(scene_of("beams", "nothing"))
+    along = 'outputs.along={type="along", point="rod:tip", direction=[1.0, 0.0]}'
     entries = {
         "plugin": 'effects.x={type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0, damping=0.5}',
         "own": 'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.0, 1.0]], '
         "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}",
     }
-    found = {name: MODELS[model](scene_from_toml(text, ".", [entry])) for name, entry in entries.items()}
+    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, along])) for name, entry in entries.items()}
     for name, values in found["own"].outputs.items():
         np.testing.assert_allclose(found["plugin"].outputs[name], values, rtol=1e-12, atol=1e-14)
+    outputs = found["plugin"].outputs
+    np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
 
 
 def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
@@ -94,15 +123,22 @@ BROKEN = {
     "nothing in it": (("*", "x = 1\n"), r"plugin '.*': no idea is declared in it; needed: a subclass of EffectEntry"),
     "it fails": (("@", "import numpy\nnumpy.nothing\n"), r"plugin '.*', line 2: AttributeError: .*; repair the file$"),
     "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
-    "a name that is taken": (('"line_spring"', '"torque"'), r"\.py, line \d+: .* 'torque' already, .*loads\.py, line \d+"),
+    "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
     "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
     "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
     "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
     "not said what": (('    acts = "forces"\n', ""), r"an effect says what it is: acts = "),
     "an entry that is not": (('"damping")', '"dampng")'), r"there is no entry dampng; its entries: "),
-    "no unit": (('Annotated[NotNegativeOrParameter, Unit("N s/m")]', "NotNegativeOrParameter"), r"damping may name a parameter, and has no unit: write Annotated"),
+    "no unit": (
+        ('Annotated[NotNegativeOrParameter, Unit("N s/m")]', "NotNegativeOrParameter"),
+        r"damping may name a parameter, and has no unit: write Annotated",
+    ),
     "no SI unit": (('"N s/m"', '"lbf"'), r"damping is in 'lbf', which is no SI unit of a scene; units: "),
     "no motion of the joint": (("    local", "    joint: str\n    local"), r"joints = \(\"turning\", \"sliding\"\)"),
+    "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
+    "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
+    "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
+    "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
     "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
 }
 
@@ -159,7 +195,7 @@ def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_pa
         RunRecord.read(file)
     with (
         h5py.File(paths[1]) as file,
-        pytest.raises(InputError, match=r"held\.h5' was made with the plugin line_spring\.py .* --plugin line_spring\.py"),
+        pytest.raises(InputError, match=r"held\.h5' was made with the plugin line_spring\.py .* --plugin line_spring"),
     ):
         RunRecord.read(file)
     IN_USE.update(other)

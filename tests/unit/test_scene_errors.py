@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import effects, load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
@@ -157,8 +158,7 @@ ENTRIES = [
     ),
     (
         "outputs.a.type='speed'",
-        'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
-        "displacement, deformation, stress)",
+        f'outputs.a.type = "speed": unknown (allowed: {", ".join(OUTPUTS.names)})',
     ),
     (
         "bodies.crank.section.shape=1",
