@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import h5py
@@ -17,12 +19,14 @@ from mpi4py import MPI
 from test_effect_errors import BASE, IN_TURN
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES, WHEN_GROWN
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.plugins import IN_USE
+from pgmp_petsc.runtime.plugins import IN_USE, check_plugins
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
@@ -226,3 +230,44 @@ def test_commands_take_plugins_and_end_with_one_message(
     for name, message in zip(wrong, messages):
         assert re.search(BROKEN[name][1], message)
     assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
+
+
+def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:
+    def folder() -> CheckpointFolder:
+        return CheckpointFolder(tmp_path / "out.h5", {"scene": "one"})
+
+    pgmp.use(line_spring)
+    begun = folder()
+    begun.open(False)
+    begun.put("samples-0", {"values": np.zeros(1)})
+    assert folder().open(True) == ()
+    line_spring.write_text(LISTING + "\n")
+    pgmp.use(line_spring)
+    with pytest.raises(InputError, match=r"belongs to another run: its plugins differs; repeat the command as it was"):
+        folder().open(True)
+
+
+def test_installed_packages_have_ideas_behind_entry_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = {"spring": "mine_of_test", "broken": "not_there_of_test"}
+    (tmp_path / "mine_of_test.py").write_text(LISTING)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def named(name: str) -> None:
+        found = EntryPoint(name, points[name], "pgmp.effects")
+        monkeypatch.setattr(ideas, "entry_points", lambda group: [found] if group == "pgmp.effects" else [])
+        monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
+
+    named("broken")
+    told = r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
+    with pytest.raises(InputError, match=told):
+        ideas.EFFECTS.found()
+    named("spring")
+    assert "line_spring" in ideas.EFFECTS.names
+    assert IN_USE["effects", "line_spring"].name == "mine_of_test"
+    sys.modules.pop("mine_of_test")
+    (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
+    IN_USE.clear()
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+        check_plugins(needed, "a.h5")

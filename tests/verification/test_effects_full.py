@@ -266,9 +266,11 @@ def test_damping_of_a_sliding_joint() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "on", ['type = "joint_friction"\njoint = "slide"', 'type = "point_friction"\npoint = "rod:tip"\ndirection = [3.0, 0.0]']
-)
+IN_JOINT = 'type = "joint_friction"\njoint = "slide"'
+AT_POINT = 'type = "point_friction"\npoint = "rod:tip"\ndirection = [3.0, 0.0]'
+
+
+@pytest.mark.parametrize("on", [IN_JOINT, AT_POINT])
 def test_friction_of_what_slides(on: str) -> None:
     run = block(f"[effects.rub]\n{on}\nlimit = 1.0\nspeed = 0.05", 0.6)
     speed = np.gradient(run.point("rod:tip")[:, 0], run.time, edge_order=2)
