@@ -12,9 +12,9 @@ __version__ = "0.1.0"
 #: Names of the interface, and the modules that have them.
 _NAMES = {
     "Scene": "scene",
-    "use": "api.scenes",
     "load": "api.scenes",
     "compose": "api.scenes",
+    "use": "api.scenes",
     "check": "api.checks",
     "build": "api.modes",
     "read": "api.files",
