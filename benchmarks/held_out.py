@@ -21,12 +21,12 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.effects.loads import Force, Torque
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Force, Torque
 from pgmp_petsc.scene.fields import Harmonic
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 

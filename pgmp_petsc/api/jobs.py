@@ -35,6 +35,7 @@ from pgmp_petsc.report.verdict import (
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.plugins import in_use
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.runtime.steps import LABEL, Steps
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -127,7 +128,7 @@ def run(
             kinematics = RigidKinematics(mechanism)
         tell_remarks(comm, loaded.remarks)
         tell(comm, f"check      {_checked(loaded, mechanism)}")
-        key = identity(scene_to_toml(loaded), meshes, __version__)
+        key = identity(scene_to_toml(loaded), meshes, __version__, *in_use().values())
         job = _Job(comm, path, loaded, meshes, kinematics, steps, key, force, parameters, overrides)
         job.build()
         job.simulate()

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from pgmp_petsc.api.arguments import plain
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.declare.plugins import take
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import replacing
@@ -24,6 +25,23 @@ if TYPE_CHECKING:
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
 PAGES = (".md", ".markdown")
+
+
+@interface(path=Argument("A file as docs/extending.md shows it."))
+def use(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> None:
+    """Take the ideas that a Python file declares, effects and outputs, which scenes may name from then on. Collective on
+    `comm`.
+
+    Every rank runs the file. One that is in use already is left as it is; one that has changed is read again.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or whose name is
+        taken; with the file and line.
+    """
+    with agreed(ranks_of(comm), "reading plugins"):
+        take(Path(path))
 
 
 @interface(path=Argument("The file; paths of meshes are relative to its folder."))

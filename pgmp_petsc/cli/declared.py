@@ -17,6 +17,7 @@ from pgmp_petsc.cli.session import take_json, take_quiet
 from pgmp_petsc.runtime.errors import InputError
 
 QUIET = "Write nothing but errors and warnings on standard error."
+PLUGIN = "Run a Python file that declares effects or outputs of your own; repeatable."
 JSON = "Write the figures as JSON on standard output, and nothing else there."
 
 
@@ -86,13 +87,19 @@ class Declared(click.Command):
         parameters = [one for argument in command.arguments.values() for one in _parameters(argument, command)]
         words = [one for one in parameters if isinstance(one, click.Argument)]
         options = [one for one in parameters if isinstance(one, click.Option)]
+        options.append(click.Option(["--plugin", "plugins"], multiple=True, metavar="FILE.py", type=PathName(), help=PLUGIN))
         if command.has_figures:
             options.append(_of_session("--json", JSON, take_json))
         options.append(_of_session("--quiet", QUIET, take_quiet))
         super().__init__(command.name, params=[*words, *options], help=command.description, callback=self._called)
 
-    def _called(self, **values: object) -> None:
+    def _called(self, plugins: tuple[Path, ...], **values: object) -> None:
         context = click.get_current_context()
+        if plugins:
+            from pgmp_petsc.api.scenes import use  # few calls have some
+
+            for file in plugins:
+                use(file, comm=context.obj.comm)
         typed = {
             name: value
             for name, value in values.items()

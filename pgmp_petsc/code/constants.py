@@ -24,6 +24,7 @@ from pgmp_petsc.code.statements import (
     coordinates_of,
     output_in_c,
 )
+from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.dynamics import alpha_step, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_actions import nodes_of
@@ -48,7 +49,6 @@ from pgmp_petsc.scene.uses import uses_of, velocity_names
 CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 # Of all three attempts at a step.
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
-STRENGTH_UNITS = {"torque": "N m", "force": "N", "gravity": "1"}  # by the type of the effect
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
@@ -218,7 +218,7 @@ def tunable(scene: Scene) -> dict[str, float]:
 
 def _unit_of_strength(name: str, scene: Scene) -> str:
     """Return the unit of a strength; that of a load's part is a factor of its parameter."""
-    return STRENGTH_UNITS.get(scene.effects[name].type, "") if name in scene.effects else "1"
+    return scene.effects[name].strength_unit if name in scene.effects else "1"
 
 
 def _unit_of(name: str, scene: Scene) -> str:
@@ -363,9 +363,6 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
     }
 
 
-OUTPUTS = ("angle", "rotation", "position", "displacement", "deformation", "distance", "sliding")
-
-
 def checked_scene(scene: Scene, what: str) -> Scene:
     """Return a scene without the outputs that a model in C does not have; raise `InputError` if it asks for more.
 
@@ -376,16 +373,17 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.type in OUTPUTS}
+    left = {name: output for name, output in scene.outputs.items() if output.reads == "frames"}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.type not in OUTPUTS]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads != "frames"]
     if not lacking:
         return ""
-    return f"note: {', '.join(lacking)} left out: a model in C has {', '.join(OUTPUTS)}; pgmp simulate has all outputs"
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads == "frames")
+    return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
 
 
 def check_model(model: ReducedModel, what: str) -> None:

@@ -13,11 +13,8 @@ from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.mechanism.statements import Statement, along, distance
+from pgmp_petsc.mechanism.statements import Statement, distance
 from pgmp_petsc.models import ReducedModel
-
-AXES = {"x": 0, "y": 1, "z": 2}
-POSITIONS = ("position", "displacement")
 
 
 @dataclass(frozen=True)
@@ -48,10 +45,9 @@ class StatementInC:
     def of_angle(
         cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray, slots: Mapping[int, int]
     ) -> StatementInC:
-        """Return the angle of a joint; see `outputs.outputs.joint_angle`."""
+        """Return the angle of a joint; see `outputs.readings.Reading`."""
         turns = JointTurns.of(connection, kinematics, start) if kinematics.mechanism.space is SPATIAL else None
-        near = (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))
-        return cls(connection.angle, *(Side.of(side, slots) for side in connection.sides), near)
+        return cls(connection.angle, *(Side.of(side, slots) for side in connection.sides), _near(turns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,26 +102,14 @@ def action_in_c(
 
 
 def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Output:
-    """Return an output; see `outputs.outputs`."""
-    entry, kinematics = model.scene.outputs[name], model.kinematics
-    mechanism = kinematics.mechanism
-    if entry.type == "angle":
-        connection = mechanism.connection(entry.joint)
-        return Output("MEASURE", StatementInC.of_angle(connection, kinematics, model.start[0], slots))
-    if entry.type == "sliding":
-        slides = along(np.array(mechanism.scene.joints[entry.joint].axes[0]))
-        sides = mechanism.connection(entry.joint).sides
-        return Output("MEASURE", StatementInC(slides, *(Side.of(side, slots) for side in sides)))
-    nothing = distance(mechanism.space.dimension)
-    if entry.type == "distance":
-        sides = [mechanism.attachment(point, f"outputs.{name}.points") for point in entry.points]
-        return Output("MEASURE", StatementInC(nothing, *(Side.of(side, slots) for side in sides)))
-    point = mechanism.attachment(entry.point, f"outputs.{name}.point")
-    statement = StatementInC(nothing, Side.of(point, slots), Side.of(point, slots))
-    if entry.type == "rotation":
-        return Output("ROTATION", statement)
-    axis, origin = AXES[entry.axis], 0.0
-    if entry.type == "displacement":
-        origin = float(point.frame_of_pose(kinematics.poses(model.start[0][None]))[axis, 0])
-    kind = "POSITION" if entry.type in POSITIONS else "DEFORMATION"
-    return Output(kind, statement, axis, kind == "DEFORMATION" and entry.frame == "body", origin)
+    """Return an output; see `outputs.readings`."""
+    kinematics, reading = model.kinematics, model.outputs.functions[name]
+    a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
+    statement = reading.statement or distance(kinematics.mechanism.space.dimension)
+    return Output(
+        reading.kind, StatementInC(statement, a, b, _near(reading.turns)), reading.axis, reading.in_body, reading.origin
+    )
+
+
+def _near(turns: JointTurns | None) -> tuple[float, ...]:
+    return (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))

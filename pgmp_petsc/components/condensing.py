@@ -127,7 +127,7 @@ def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"
         return
     axis = LongAxis(meshed.solid)
     if not axis.is_long:
-        effects = (name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
+        effects = (name for name, effect in scene.effects.items() if effect.is_stretching)
         entry = next((f"effects.{name}" for name in effects), "reduction")
         raise InputError(
             f'{entry}.stretching = "static": bodies.{meshed.solid.name} is only {axis.slenderness:.3g} times as '

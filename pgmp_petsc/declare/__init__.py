@@ -1,4 +1,8 @@
-"""Declarations: ideas that say what they are once, and what follows from that.
+"""Ideas declare themselves and are found: one class says what a scene may write and what the models make of it.
+
+What comes in: folders of the package, entry points of installed packages, files given by ``--plugin`` or
+``pgmp.use``. What goes out: the classes of a family by their ``type``, from which the scene makes its schema. Begin
+with `ideas`; `plugins` loads files and says with which of them a result was made.
 
 `records` has results: a field of a dataclass names its sizes, its unit and its meaning, and files and checks of shapes
 follow; `views` has their datasets of xarray and the tables of the documentation.

@@ -16,9 +16,9 @@ import numpy as np
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.effects.damping import (
+    BodiesDamping,
     BodyDamping,
     ModalDamping,
-    StructuralDamping,
     amplitude_damping,
     modal_damping,
 )
@@ -61,7 +61,7 @@ class BodyDampings:
         """
         rayleigh, names = {}, {}
         for effect in effects:
-            if isinstance(effect, StructuralDamping):
+            if isinstance(effect, BodiesDamping):
                 for number, damping in effect.of_body.items():
                     if damping.stiffness or damping.mass:
                         rayleigh[number], names[number] = damping, effect.name

@@ -23,7 +23,7 @@ from pgmp_petsc.dynamics.full_elements import N_SECTION, N_VECTORS, Beams, Masse
 from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.dynamics.layout import FloatingBodies, Layout, body_tables, n_pose_of, places_of
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.effects.loads import Gravity
+from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 from pgmp_petsc.mesh.reference_element import reference_element
 
@@ -265,7 +265,7 @@ def _of_cells(share: Share, solid: Solid, region: Region) -> list[np.ndarray]:
 
 
 def floating_bodies(
-    share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Gravity]]
+    share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Weights]]
 ) -> tuple[FloatingBodies | None, Pattern]:
     """Return the flexible bodies in floating frames, None without any; `gravity` are effects with the numbers of their
     loads."""

@@ -35,7 +35,7 @@ from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions
-from pgmp_petsc.effects.loads import Gravity
+from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -132,7 +132,7 @@ class FullEquations:
         self.chosen = _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
         loads = self._loads_of(effects)
-        falling = [e for e in effects if isinstance(e, Gravity) and any(body.floating for body in unknowns.bodies)]
+        falling = [e for e in effects if isinstance(e, Weights) and any(body.floating for body in unknowns.bodies)]
         gravity = list(enumerate(falling, len(loads)))
         by_name = {effect.name: effect for effect in effects}
         self.loads = [*(by_name[load.effect] for load in loads), *falling]

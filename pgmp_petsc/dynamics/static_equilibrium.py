@@ -24,6 +24,7 @@ import numpy as np
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Driving
 
 SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
 MAX_CORRECTIONS = 60  # forces that turn with a body have no exact tangent: the iteration is then linear
@@ -326,7 +327,7 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
 
 def _let_go(scene: Scene) -> str:
     """Return what is said of coordinates that are held at first: prescribed ones go on as they are told."""
-    driven = {effect.coordinate for effect in scene.effects.values() if effect.type == "prescribed_motion"}
+    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     if not driven:
         return ", and lets them go"
     let_go = [name for name in scene.coordinates if name not in driven]

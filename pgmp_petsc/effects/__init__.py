@@ -8,30 +8,14 @@ import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.damping import StructuralDamping
 from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.joint_effects import end_stop, joint_damping, joint_friction
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.loads import Gravity, HoldingTorque, Torque, force
+from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
-from pgmp_petsc.effects.springs import bushing, spring_damper
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
-
-#: What makes an effect of an entry; entries of other types are parts of the mechanism or of its reduction.
-_MAKERS = {
-    "torque": Torque,
-    "force": force,
-    "gravity": Gravity,
-    "joint_damping": joint_damping,
-    "joint_friction": joint_friction,
-    "spring_damper": spring_damper,
-    "bushing": bushing,
-    "structural_damping": StructuralDamping,
-    "end_stop": end_stop,
-}
-
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     """Return the effects that a scene names and that act by forces, in its order, and what holds coordinates at first.
@@ -42,9 +26,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
         If an effect names a point that its body's mesh does not have.
     """
     named = [
-        _MAKERS[entry.type](name, entry, mechanism)
-        for name, entry in scene.plain_effects.items()
-        if entry.type in _MAKERS
+        entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"
     ]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
@@ -52,7 +34,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
 
 def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:
     """Return the prescribed motions by the number of their coordinate."""
-    motions = [Motion(name, entry) for name, entry in scene.effects.items() if entry.type == "prescribed_motion"]
+    motions = [entry.motion(name) for name, entry in scene.effects.items() if isinstance(entry, Driving)]
     numbers = {coordinate.name: k for k, coordinate in enumerate(mechanism.coordinates)}
     return {numbers[motion.coordinate]: motion for motion in sorted(motions, key=lambda m: numbers[m.coordinate])}
 

@@ -34,11 +34,14 @@ steps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import scipy.sparse as sp
+from pydantic import Field, model_validator
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
@@ -47,8 +50,14 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import effects as schema
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import EffectEntry
+from pgmp_petsc.scene.fields import Name, NotNegative, Number, no_parameter, refusal
+from pgmp_petsc.scene.findings import Finding, doubt
+from pgmp_petsc.scene.messages import problem
+
+SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 
 
 @dataclass(frozen=True)
@@ -68,8 +77,103 @@ class BodyDamping:
     ratios: tuple[float, ...] = ()
 
 
-class StructuralDamping(Effect):
-    """Structural damping; see the module.
+_OF_DAMPING = no_parameter(
+    "matrices of structural damping are made once for all samples; build once for each value (--override), or damp "
+    "joints, springs or bushings, whose coefficients may be parameters"
+)
+
+
+class StructuralDamping(EffectEntry):
+    """Damping within the bodies: Rayleigh's, or ratios of the modes of each free body."""
+
+    type: Literal["structural_damping"]
+    acts = "forces"
+    on_vibrations = True
+    bodies: tuple[Name, ...] | None = Field(None, min_length=1, description="names of bodies; all if not given")
+    stiffness: Annotated[NotNegative, _OF_DAMPING] = Field(
+        0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
+    )
+    mass: Annotated[NotNegative, _OF_DAMPING] = Field(
+        0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
+    )
+    ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(
+        (), description="damping ratios of the first elastic modes of each free body"
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not (self.stiffness or self.mass or any(self.ratios)):
+            raise refusal("at least one of stiffness, mass and ratios must be above zero")
+        return self
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each body that has no structural damping, or has that of an earlier effect."""
+        flexible, entry = [body for body, of in scene.bodies.items() if of.flexible], f"effects.{name}"
+        given = list(self.bodies or ())
+        for body in given:
+            if body not in scene.bodies:
+                yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", given)
+            elif body not in flexible:
+                words = f"{body} is rigid; only flexible bodies have structural damping"
+                yield problem(f"{entry}.bodies", words, given)
+        if self.bodies is None and not flexible:
+            yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
+        taken = {}
+        for other, rival in scene.effects.items():
+            if other == name:
+                break
+            if isinstance(rival, StructuralDamping):
+                taken = dict.fromkeys(rival.bodies or scene.bodies, other) | taken
+        for body in dict.fromkeys(self.bodies or scene.bodies):
+            if body in taken:
+                words = f"effects.{taken[body]} damps {body} too; give all the damping of a body in one effect"
+                yield problem(entry, words)
+
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield more damping than the critical one."""
+        found = [
+            (body, frequencies[body]) for body in self.bodies or scene.bodies if frequencies.get(body, 0.0) > 0.0
+        ]
+        if not found:
+            return
+        body, bending = min(found, key=lambda pair: pair[1])
+        for key, ratio in (
+            ("stiffness", lambda hz: math.pi * hz * self.stiffness),
+            ("mass", lambda hz: self.mass / (4.0 * math.pi * hz)),
+        ):
+            # what is held less than by hinges bends more slowly: its damping by mass is worse than it looks
+            if ratio(bending) <= (1.0 if key == "stiffness" else 1.0 / SLOWEST):
+                continue
+            frequency, what = first(), "the first mode of the mechanism, of"
+            if frequency is None:
+                frequency, what = bending, f"{body}, which between hinged ends bends with about"
+            if ratio(frequency) > 1.0:
+                yield doubt(
+                    f"{entry}.{key}",
+                    f"damps {what} {frequency:.3g} Hz, with {ratio(frequency):.3g} times the critical damping",
+                    getattr(self, key),
+                )
+
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Say from which ratios on it would matter, for vibrations that last."""
+        duration = scene.simulation.duration
+        return np.nan, f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on"
+
+    @property
+    def adds(self) -> str:
+        """The bodies that it damps."""
+        return f"in {', '.join(self.bodies) if self.bodies else 'all flexible bodies'}"
+
+    def forces(self, name: str, mechanism: Mechanism) -> Effect:
+        """Return the damping of each body."""
+        return BodiesDamping(name, self, mechanism)
+
+
+class BodiesDamping(Effect):
+    """Structural damping in the models; see the module.
 
     Attributes
     ----------
@@ -77,7 +181,7 @@ class StructuralDamping(Effect):
         Damping of each of its bodies, by the body's number.
     """
 
-    def __init__(self, name: str, entry: schema.StructuralDamping, mechanism: Mechanism) -> None:
+    def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
         super().__init__(name)
         chosen = [
             i
@@ -125,7 +229,7 @@ def modal_damping(
     """
     found = []
     for effect in effects:
-        if isinstance(effect, StructuralDamping):
+        if isinstance(effect, BodiesDamping):
             for number, damping in effect.of_body.items():
                 if any(damping.ratios) and bodies[number].floating is None:
                     found.append(_of_body(effect.name, number, bodies[number], damping.ratios, nominal))
@@ -145,7 +249,7 @@ def amplitude_damping(
     """
     found = {}
     for effect in effects:
-        if isinstance(effect, StructuralDamping):
+        if isinstance(effect, BodiesDamping):
             for number, damping in effect.of_body.items():
                 floating, n = bodies[number].floating, len(damping.ratios)
                 if floating is None or not any(damping.ratios):

@@ -16,9 +16,11 @@ and the other when the joint comes to rest, and the sample fails: take a larger 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
+from scipy.integrate import trapezoid
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
@@ -26,7 +28,9 @@ from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along
-from pgmp_petsc.scene import effects as schema
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import OnJoint
+from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
 from pgmp_petsc.scene.uses import slides
 
 
@@ -40,35 +44,118 @@ def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
     return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}
 
 
-def end_stop(name: str, entry: schema.EndStop, mechanism: Mechanism) -> ActionEffect:
-    """Return the effect with one action for each end; see the module."""
-    place = joint_measure(mechanism, entry)
-    ends = [(entry.lower, -1.0), (entry.upper, 1.0)]
-    return ActionEffect(
-        name,
-        [
-            Action(
-                name,
-                law=STOP,
-                parameters=(*map(Quantity.of, (entry.stiffness, entry.damping, end)), Quantity(side)),
-                **place,
-            )
-            for end, side in ends
-            if end is not None
-        ],
-        mechanism,
+class EndStop(OnJoint):
+    """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
+
+    type: Literal["end_stop"]
+    acts = "forces"
+    joints = ("turning", "sliding")
+    changeable = ("lower", "upper", "stiffness", "damping")
+    local = True
+    cause = True
+    edged = True
+    stiff_by = "stiffness"
+    sets_in = {"lower": -1.0, "upper": 1.0}
+    ordered = (("lower", "upper"),)
+    lower: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
+        None, description="where the stop at the lower end is (rad or m), a number or a parameter's name"
+    )
+    upper: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
+        None, description="where the stop at the upper end is (rad or m), a number or a parameter's name"
+    )
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
+        description="Nm/rad or N/m, a number or a parameter's name"
+    )
+    damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
+        0.0,
+        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
+        "number or a parameter's name",
     )
 
+    @model_validator(mode="after")
+    def _some_end(self) -> Self:
+        if self.lower is None and self.upper is None:
+            raise refusal("at least one of lower and upper is needed")
+        return self
 
-def joint_damping(name: str, entry: schema.JointDamping, mechanism: Mechanism) -> ActionEffect:
-    """Return the effect; see the module."""
-    parameters = (Quantity(0.0), Quantity.of(entry.coefficient), Quantity(0.0))
-    place = joint_measure(mechanism, entry)
-    return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Say where the motion of the coordinates ends."""
+        ranges = [
+            f"{name} from {path.min():.3g} to {path.max():.3g} rad"
+            for name, path in zip(scene.coordinates, run.theta.T)
+        ]
+        return np.nan, f"would matter where the motion ends: {', '.join(ranges)}"
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return one action for each end."""
+        place = joint_measure(mechanism, self)
+        ends = [(getattr(self, key), side) for key, side in self.sets_in.items()]
+        return ActionEffect(
+            name,
+            [
+                Action(
+                    name,
+                    law=STOP,
+                    parameters=(*map(Quantity.of, (self.stiffness, self.damping, end)), Quantity(side)),
+                    **place,
+                )
+                for end, side in ends
+                if end is not None
+            ],
+            mechanism,
+        )
 
 
-def joint_friction(name: str, entry: schema.JointFriction, mechanism: Mechanism) -> ActionEffect:
-    """Return the effect; see the module."""
-    parameters = (Quantity.of(entry.limit), Quantity.of(entry.speed))
-    place = joint_measure(mechanism, entry)
-    return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **place)], mechanism)
+class JointDamping(OnJoint):
+    """Viscous damping of the relative rotation or sliding in a joint."""
+
+    type: Literal["joint_damping"]
+    acts = "forces"
+    joints = ("turning", "sliding")
+    changeable = ("coefficient",)
+    nothing_without = strength = "coefficient"
+    local = True
+    coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
+        description="Nm s/rad or N s/m, a number or a parameter's name"
+    )
+
+    @classmethod
+    def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
+        """Return ``int s'^2 dt``."""
+        return float(trapezoid(rate**2, time))
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the viscous damper."""
+        parameters = (Quantity(0.0), Quantity.of(self.coefficient), Quantity(0.0))
+        place = joint_measure(mechanism, self)
+        return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+
+
+class JointFriction(OnJoint):
+    """Coulomb friction in a joint under a constant load, regularised: ``-limit tanh(rate / speed)``."""
+
+    type: Literal["joint_friction"]
+    acts = "forces"
+    joints = ("turning", "sliding")
+    changeable = ("limit", "speed")
+    nothing_without = strength = "limit"
+    local = True
+    edged = True
+    limit: Annotated[NotNegativeOrParameter, Unit("N m", "N")] = Field(
+        description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+    )
+    speed: Annotated[PositiveOrParameter, Unit("rad/s", "m/s")] = Field(
+        description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
+    )
+
+    @classmethod
+    def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
+        """Return ``int |s'| dt``."""
+        return float(trapezoid(np.abs(rate), time))
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the friction."""
+        parameters = (Quantity.of(self.limit), Quantity.of(self.speed))
+        place = joint_measure(mechanism, self)
+        return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **place)], mechanism)

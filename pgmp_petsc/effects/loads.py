@@ -11,9 +11,12 @@ Gravity: the mass matrix times a constant acceleration, one load term for each a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
@@ -26,26 +29,114 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, on_mesh
 from pgmp_petsc.mechanism.statements import along, distance, following
-from pgmp_petsc.scene import effects as schema
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import apart_problems, load_problems
+from pgmp_petsc.scene.effects import EffectEntry, OverTime
+from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.unit_systems import SI, unit_system
 
 GROUND_ORIGIN = "ground:origin"
 
 
-def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
-    """Return the effect that fits the force's direction; see the module."""
-    point = mechanism.attachment(entry.point, f"effects.{name}.point")
-    other = mechanism.attachment(entry.towards or GROUND_ORIGIN, f"effects.{name}.towards")
-    scale, amplitude = Quantity.of(entry.scale), amplitude_of(entry)
-    if entry.towards is not None:
-        # it makes the distance shorter
-        statement, scale = distance(mechanism.space.dimension), -1.0 * scale
-    elif entry.follows:
-        statement = following(np.array(entry.direction))
-    else:
-        statement = along(np.array(entry.direction))
-        if point.at_node:
-            return FixedForce(name, entry, other, point, _is_guided(mechanism, point))
-    return ActionEffect(name, [Action(name, statement, other, point, SOURCE, (scale,), amplitude)], mechanism)
+class Torque(OverTime):
+    """A torque (Nm) over time on a revolute or cylindrical joint: it turns the second body, and its reaction the
+    first."""
+
+    type: Literal["torque"]
+    acts = "forces"
+    joints = ("turning",)
+    strength_unit = "N m"
+    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if steps do not resolve it."""
+        return load_problems(scene, name, self)
+
+    def forces(self, name: str, mechanism: Mechanism) -> Effect:
+        """Return the couples."""
+        return Couples(name, self, mechanism)
+
+
+class Force(OverTime):
+    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point.
+
+    A force towards a point pulls that point as well, like a rope between the two.
+    """
+
+    type: Literal["force"]
+    acts = "forces"
+    strength_unit = "N"
+    point: Point = Field(description='where it acts, "body:point"')
+    direction: Direction | None = Field(
+        None, description="direction (x, y), in space (x, y, z); its length does not matter"
+    )
+    follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
+    towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> Self:
+        exactly_one(self, "direction", "towards")
+        if self.follows and self.direction is None:
+            raise refusal("a direction that turns with the body needs `direction`", "follows")
+        return self
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if the distance that it makes shorter cannot change, or steps do not resolve it."""
+        if self.towards is not None:
+            yield from apart_problems(scene, f"effects.{name}.towards", (self.point, self.towards))
+        yield from load_problems(scene, name, self)
+
+    def forces(self, name: str, mechanism: Mechanism) -> Effect:
+        """Return the effect that fits the force's direction; see the module."""
+        point = mechanism.attachment(self.point, f"effects.{name}.point")
+        other = mechanism.attachment(self.towards or GROUND_ORIGIN, f"effects.{name}.towards")
+        scale, amplitude = Quantity.of(self.scale), amplitude_of(self)
+        if self.towards is not None:
+            # it makes the distance shorter
+            statement, scale = distance(mechanism.space.dimension), -1.0 * scale
+        elif self.follows:
+            statement = following(np.array(self.direction))
+        else:
+            statement = along(np.array(self.direction))
+            if point.at_node:
+                return FixedForce(name, self, other, point, _is_guided(mechanism, point))
+        return ActionEffect(name, [Action(name, statement, other, point, SOURCE, (scale,), amplitude)], mechanism)
+
+
+class Gravity(EffectEntry):
+    """A uniform field of acceleration on every body and every point mass."""
+
+    type: Literal["gravity"]
+    acts = "forces"
+    nothing_without = "acceleration"
+    uniform = True
+    strength_unit = "1"
+    direction: Direction = Field(
+        (0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter"
+    )
+    acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(
+        9.81, description="acceleration (m/s2), a number or a parameter's name"
+    )
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if it has no direction in space."""
+        if scene.dimension == 3 and "direction" not in self.model_fields_set:
+            yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
+
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Return the work of the weights along the axis in which they move most: no axis of space is the vertical."""
+        if not exchanged:
+            return np.nan, "not known: the mechanism rests, so that no energy is moved around"
+        risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
+        axis = 1 if risen.size == 2 else int(np.argmax(risen))
+        share = (unit_system(scene) or SI).gravity * float(risen[axis]) / exchanged
+        return share, f"work of weights along -{'xyz'[axis]}, of the energy moved around"
+
+    def forces(self, name: str, mechanism: Mechanism) -> Effect:
+        """Return the weights."""
+        return Weights(name, self, mechanism)
 
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
@@ -65,7 +156,7 @@ class FixedForce(Effect):
         is.
     """
 
-    def __init__(self, name: str, entry: schema.Force, ground: Attachment, point: Attachment, guided: bool) -> None:
+    def __init__(self, name: str, entry: Force, ground: Attachment, point: Attachment, guided: bool) -> None:
         super().__init__(name)
         self.strength = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
@@ -95,10 +186,10 @@ class FixedForce(Effect):
         return vector
 
 
-class Torque(Effect):
-    """Torque effect; see the module."""
+class Couples(Effect):
+    """A torque in the models; see the module."""
 
-    def __init__(self, name: str, entry: schema.Torque, mechanism: Mechanism) -> None:
+    def __init__(self, name: str, entry: Torque, mechanism: Mechanism) -> None:
         super().__init__(name)
         self.strength = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
@@ -142,8 +233,8 @@ def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
     return vector
 
 
-class Gravity(Effect):
-    """Gravity effect; see the module.
+class Weights(Effect):
+    """Gravity in the models; see the module.
 
     Attributes
     ----------
@@ -155,7 +246,7 @@ class Gravity(Effect):
 
     conservative = True
 
-    def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
+    def __init__(self, name: str, entry: Gravity, mechanism: Mechanism) -> None:
         super().__init__(name)
         direction = self.direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
         self.acceleration = Quantity.of(entry.acceleration)

@@ -11,14 +11,97 @@ at a table's first row begins with what the table does then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, harmonic
-from pgmp_petsc.scene.effects import PrescribedMotion
-from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import harmonic_problems, unknown
+from pgmp_petsc.scene.effects import Driving
+from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable, exactly_one, refusal
+from pgmp_petsc.scene.findings import Finding, doubt
+from pgmp_petsc.scene.messages import problem
+
+
+class PrescribedMotion(Driving):
+    """A coordinate that moves as given, whatever it takes."""
+
+    type: Literal["prescribed_motion"]
+    acts = "mechanism"
+    changeable = ("table", "harmonic", "spin_up", "constant_speed")
+    cause = True
+    coordinate: str = Field(description="name of a coordinate")
+    table: TimeTable | None = Field(
+        None, description="rows [time (s), angle (rad)]; cubic spline, at rest at both ends and beyond"
+    )
+    harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
+    spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")
+    constant_speed: ConstantSpeed | None = Field(None, description="{ speed, start = 0 }")
+
+    @model_validator(mode="after")
+    def _one_function(self) -> Self:
+        exactly_one(self, "table", "harmonic", "spin_up", "constant_speed")
+        if self.table is not None and len(self.table) < 2:
+            raise refusal("a motion needs at least two rows", "table")
+        return self
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if there is no such coordinate, something else moves it, or steps do not resolve it."""
+        if self.harmonic is not None:
+            yield from harmonic_problems(scene, f"effects.{name}", self)
+        entry = f"effects.{name}.coordinate"
+        if self.coordinate not in scene.coordinates:
+            yield unknown(entry, "coordinate", self.coordinate, scene.coordinates)
+            return
+        joint = scene.coordinates[self.coordinate].joint
+        for other, rival in scene.effects.items():
+            if rival.cause and getattr(rival, "joint", None) == joint:
+                yield problem(
+                    entry,
+                    f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion "
+                    "takes whatever torque it needs; leave one of them out",
+                    self.coordinate,
+                )
+            if other < name and isinstance(rival, Driving) and rival.coordinate == self.coordinate:
+                yield problem(entry, f"effects.{other} prescribes the same coordinate", self.coordinate)
+        if self.coordinate in scene.simulation.initial:
+            yield problem(
+                f"simulation.initial.{self.coordinate}",
+                f"effects.{name} prescribes this coordinate from the start on; leave one of them out",
+            )
+
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield a table that begins after the run."""
+        duration = scene.simulation.duration
+        if self.table is not None and self.table[0][0] > duration:
+            late = f"begins at {self.table[0][0]:g} s, but the run ends at simulation.duration = {duration:g} s"
+            yield doubt(f"{entry}.table", f"{late}; nothing moves")
+
+    @property
+    def adds(self) -> str:
+        """The coordinate that it drives."""
+        return f"drives {self.coordinate}"
+
+    @property
+    def fastest(self) -> tuple[str, float, tuple[float, ...]]:
+        """The entry that says how fast it becomes, how fast (rad/s), and the entry's value if that is the speed."""
+        if self.harmonic is not None:
+            return "harmonic", 2 * np.pi * self.harmonic.frequency_hz * self.harmonic.amplitude, ()
+        for key in ("spin_up", "constant_speed"):
+            if getattr(self, key) is not None:
+                speed = getattr(self, key).speed
+                return f"{key}.speed", speed, (speed,)
+        return "table", max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(self.table)), ()
+
+    def motion(self, name: str) -> Motion:
+        """Return the motion over time."""
+        return Motion(name, self)
 
 
 class Instant(NamedTuple):

@@ -20,10 +20,13 @@ A spring-damper: ``-k (s - rest) - c s'`` on a joint's rotation or displacement,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
+from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import block_diag
 
 from pgmp_petsc.bodies.affine import Quantity
@@ -36,8 +39,26 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, distance, perpendicular
 from pgmp_petsc.runtime.errors import Remark, note
-from pgmp_petsc.scene import effects as schema
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import EffectEntry, OnJoint
+from pgmp_petsc.scene.fields import (
+    Connection,
+    Direction,
+    NotNegativeOrParameter,
+    NumberOrParameter,
+    Unit,
+    exactly_one,
+    refusal,
+)
+from pgmp_petsc.scene.findings import Finding, doubt, named
+from pgmp_petsc.scene.findings import refusal as impossible
+from pgmp_petsc.scene.joints import are_parallel
+from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.numerics import Reduction
+
+#: Rotations that a bushing resists, and what a scene moves in.
+TURNS = {2: 1, 3: 3}
+WHERE = {2: "in the plane", 3: "in space"}
 
 #: Why an action is not in the stiffness, by its law; springs without stiffness are dampers.
 LEFT_OUT = {
@@ -170,31 +191,6 @@ def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -
     return result
 
 
-def bushing(name: str, entry: schema.Bushing, mechanism: Mechanism) -> ActionEffect:
-    """Return the effect; see the module."""
-    a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
-    poses, space = mechanism.first_guess, mechanism.space
-    frames = [side.frame_of_pose(poses) for side in (a, b)]
-    in_a = triad(*(np.array(axis, dtype=float) for axis in entry.reference))
-    sliding = [along(axis) for axis in in_a.T]
-    if space.dimension == 3:
-        in_b, rest = directors(frames[1]).T @ directors(frames[0]) @ in_a, 0.0
-        turning = [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]
-    else:
-        turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
-    parts = [(sliding, entry.stiffness, entry.damping, 0.0)]
-    parts.append((turning, entry.turning_stiffness, entry.turning_damping, rest))
-    return ActionEffect(
-        name,
-        [
-            Action(name, statement, a, b, SPRING_DAMPER, parameters)
-            for part in parts
-            for statement, parameters in _springs(*part)
-        ],
-        mechanism,
-    )
-
-
 def _springs(
     statements: list[Statement], stiffness: tuple[float | str, ...], damping: tuple[float | str, ...], rest: float
 ) -> Iterator[tuple[Statement, tuple[Quantity, ...]]]:
@@ -205,12 +201,142 @@ def _springs(
             yield statement, (Quantity.of(k), Quantity.of(c), Quantity(rest))
 
 
-def spring_damper(name: str, entry: schema.SpringDamper, mechanism: Mechanism) -> ActionEffect:
-    """Return the effect; see the module."""
-    if entry.points is None:
-        place = joint_measure(mechanism, entry)
-    else:
-        a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
-        place = {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
-    parameters = tuple(map(Quantity.of, (entry.stiffness, entry.damping, entry.rest or 0.0)))
-    return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+class SpringDamper(OnJoint):
+    """A linear spring and damper: between the bodies of a joint, or between two points."""
+
+    type: Literal["spring_damper"]
+    acts = "forces"
+    joints = ("turning", "sliding")
+    changeable = ("stiffness", "damping", "rest")
+    stiff_by = strength = "stiffness"
+    local = True
+    joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
+    points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
+    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(
+        0.0, description="Nm/rad or N/m, a number or a parameter's name"
+    )
+    damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
+        0.0, description="Nm s/rad or N s/m, a number or a parameter's name"
+    )
+    rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
+        None,
+        description="angle (rad), displacement or distance (m) without force, a number or a parameter's name; 0 for a "
+        "joint if not given",
+    )
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        exactly_one(self, "joint", "points")
+        if self.points is not None and self.rest is None:
+            raise refusal("a spring between points needs the distance without force (m)", "rest")
+        if not (self.stiffness or self.damping):
+            raise refusal("at least one of stiffness and damping is needed")
+        return self
+
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield a rest that cannot be, or is without effect."""
+        where, rest = named(scene, f"{entry}.rest", self.rest)
+        if self.points is not None and rest < 0.0:
+            yield impossible(where, "a distance between points is not negative", rest)
+        if self.joint is not None and rest and named(scene, entry, self.stiffness)[1] == 0.0:
+            yield doubt(where, "without effect, as there is no stiffness; leave it out", rest)
+
+    @classmethod
+    def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
+        """Return the energy ``s^2 / 2`` of the path; none is known where a joint turns about several axes."""
+        return 0.0 if turns_freely else 0.5 * float(np.ptp(cumulative_trapezoid(rate, time, initial=0.0))) ** 2
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the spring."""
+        if self.points is None:
+            place = joint_measure(mechanism, self)
+        else:
+            a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in self.points)
+            place = {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
+        parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.rest or 0.0)))
+        return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+
+
+class Bushing(EffectEntry):
+    """An elastic mount between two points: a spring and a damper along every axis of a reference frame, which turns
+    with the owner of the first point, and about every axis.
+
+    Along an axis the force is ``-k s - c s'`` on the displacement s; about it the couple is that of ``-k s - c s'`` on
+    the sine s of the rotation from the way in which the bodies are placed, in the plane on the rotation.
+    """
+
+    type: Literal["bushing"]
+    acts = "forces"
+    changeable = ("stiffness", "damping", "turning_stiffness", "turning_damping")
+    local = True
+    points: Connection = Field(description='two points, "body:point" or "ground:point"')
+    reference: tuple[Direction, ...] = Field(
+        description="first axis, and in space a second one, of the frame in which it is stiff, "
+        "in the frame of the first point's owner; their lengths do not matter"
+    )
+    stiffness: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N/m")] = Field(
+        (), description="along each axis, the last completes the frame (N/m), numbers or parameters' names"
+    )
+    damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N s/m")] = Field(
+        (), description="along each axis (N s/m)"
+    )
+    turning_stiffness: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m/rad")] = Field(
+        (), description="about each axis (Nm/rad)"
+    )
+    turning_damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m s/rad")] = Field(
+        (), description="about each axis (Nm s/rad)"
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        keys = ("stiffness", "damping", "turning_stiffness", "turning_damping")
+        if not any(value for key in keys for value in getattr(self, key)):
+            raise refusal(f"at least one of {', '.join(keys)} must be above zero")
+        return self
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if its axes make no frame, or it has not as many numbers as axes."""
+        n, entry = scene.dimension, f"effects.{name}"
+        wanted = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]" if n == 3 else "one axis, [[1.0, 0.0]]"
+        given = [list(axis) for axis in self.reference]
+        if len(given) != n - 1 or any(len(axis) != n for axis in given):
+            yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
+        elif n == 3 and are_parallel(*given):
+            words = "the axes must not be parallel; the second one is at a right angle"
+            yield problem(f"{entry}.reference", words, given)
+        for key, count in (
+            ("stiffness", n),
+            ("damping", n),
+            ("turning_stiffness", TURNS[n]),
+            ("turning_damping", TURNS[n]),
+        ):
+            numbers = getattr(self, key)
+            if numbers and len(numbers) != count:
+                what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
+                yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return one action for each spring and damper."""
+        a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in self.points)
+        poses, space = mechanism.first_guess, mechanism.space
+        frames = [side.frame_of_pose(poses) for side in (a, b)]
+        in_a = triad(*(np.array(axis, dtype=float) for axis in self.reference))
+        sliding = [along(axis) for axis in in_a.T]
+        if space.dimension == 3:
+            in_b, rest = directors(frames[1]).T @ directors(frames[0]) @ in_a, 0.0
+            turning = [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]
+        else:
+            turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
+        parts = [(sliding, self.stiffness, self.damping, 0.0)]
+        parts.append((turning, self.turning_stiffness, self.turning_damping, rest))
+        return ActionEffect(
+            name,
+            [
+                Action(name, statement, a, b, SPRING_DAMPER, parameters)
+                for part in parts
+                for statement, parameters in _springs(*part)
+            ],
+            mechanism,
+        )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.scene.effects import Force, Torque
+from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.fields import Harmonic, LoadHarmonic, LoadTable
 
 
@@ -134,7 +134,7 @@ def fill(functions, times, found):
         found[0, k], found[1, k], found[2, k] = evaluate(functions, 0, times[k])
 
 
-def amplitude_of(entry: Torque | Force) -> TimeFunction:
+def amplitude_of(entry: OverTime) -> TimeFunction:
     """Return the strength of a torque (N m) or force (N) as a function of time (s); its scale is not in it.
 
     Its values are numbers (`scene.load_parts`).

@@ -20,7 +20,7 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.scene.uses import stop_ends
+from pgmp_petsc.scene.uses import ordered_ends
 
 OPTION = "--samples"
 Columns = Mapping[str, np.ndarray]  # numbers (N,) by parameter, of a program's own
@@ -177,9 +177,9 @@ def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene
         elif name in scene.parameters_not_negative:
             for number in np.flatnonzero(values < 0.0):
                 yield f"{place} {lines[number]}: {name} = {values[number]:g}; must not be negative for what uses it"
-    for name, lower, upper in stop_ends(scene):
+    for entry, other, lower, upper in ordered_ends(scene):
         ends = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
         low, high = (np.broadcast_to(end, lines.shape) for end in ends)
         for number in np.flatnonzero(low >= high):
-            where = f"effects.{name}.lower = {low[number]:g}; must be below upper, {high[number]:g}"
+            where = f"{entry} = {low[number]:g}; must be below {other}, {high[number]:g}"
             yield f"{place} {lines[number]}: {where}"

@@ -19,7 +19,7 @@ from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.scene.uses import stop_ends
+from pgmp_petsc.scene.uses import ordered_ends
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
@@ -248,7 +248,7 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
         fine &= values[name] > 0.0
     for name in scene.parameters_not_negative:
         fine &= values[name] >= 0.0
-    for _, lower, upper in stop_ends(scene):
+    for _, _, lower, upper in ordered_ends(scene):
         fine &= scene.number(lower, values) < scene.number(upper, values)
     return fine
 

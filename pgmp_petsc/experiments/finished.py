@@ -133,8 +133,6 @@ def _name(kind: str, task: object) -> str:
 PLANAR_NODE, SPATIAL_NODE = 4.0e-7, 4.0e-5
 PLANE_UNKNOWN, SOLID_UNKNOWN = 7.0e-7, 3.0e-5
 PAIR, RIGID, LOCAL_EFFECT = 5.0e-8, 1.0e-6, 1.5e-5
-#: Effects that act between nodes; those along a constant pattern cost nothing to speak of.
-LOCAL = ("joint_damping", "joint_friction", "spring_damper", "bushing", "end_stop")
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ class Price:
 
 def step_seconds(mechanism: Mechanism) -> float:
     """Return the predicted processor time of a step of one sample of a full-order or component model, s."""
-    local = sum(effect.type in LOCAL for effect in mechanism.scene.effects.values())
+    local = sum(effect.local for effect in mechanism.scene.effects.values())
     return LOCAL_EFFECT * local + sum(_of_body(body) for body in mechanism.bodies)
 
 

@@ -3,7 +3,7 @@ of tolerances, of the trade-off and of chosen steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
-from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 
@@ -138,7 +138,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     """Integrate a system and evaluate the outputs at the kept instants."""
     every, kept, of_joints, n_samples = spacing(n_steps), [], [], system.n_samples
     reduced, measures = isinstance(model, ReducedModel), _limited(model)
-    nodes = sorted(set().union(*(needed for _, (_, needed) in measures)))
+    nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
 
     def record(step: int, time: float, state: State) -> None:
         if step % every:
@@ -158,19 +158,19 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     else:
         observed = np.concatenate(kept, axis=-1)
         by_node = dict(zip(nodes, np.concatenate(of_joints, axis=-1)))
-        inside = _inside([(c, angle(by_node).reshape(-1, n_samples)) for c, (angle, _) in measures], n_samples)
+        inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
     outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(observed).values()])
     outputs[..., run.status != Status.FINE] = np.nan
     return History(n_steps, every, outputs, run.status, inside, run.failure_time)
 
 
-def _limited(model: AnyModel) -> list[tuple[Coordinate, tuple[Callable, set[int]]]]:
+def _limited(model: AnyModel) -> list[tuple[Coordinate, Reading]]:
     """Return the coordinates with a limited range, and what measures them; none of a reduced model, which watches its
     range itself."""
     kinematics = model.kinematics
     if isinstance(model, ReducedModel):
         return []
-    return [(c, joint_angle(c.connection, kinematics)) for c in kinematics.coordinates if not c.periodic]
+    return [(c, Reading.of_angle(c.connection, kinematics)) for c in kinematics.coordinates if not c.periodic]
 
 
 def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:

@@ -55,7 +55,6 @@ RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
-EDGED = ("joint_friction", "end_stop")
 
 
 @dataclass(frozen=True)
@@ -243,7 +242,7 @@ def step_errors(
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
             loudest = share, turn / (2.0 * np.pi * step)
-    edged = any(effect.type in EDGED for effect in scene.effects.values())
+    edged = any(effect.edged for effect in scene.effects.values())
     unsure = ""
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"

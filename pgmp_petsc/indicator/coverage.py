@@ -216,7 +216,7 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ..
 def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
     """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
     keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
-    names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.type == "stress"]
+    names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.reads == "stresses"]
     if not (keys and names):
         return ()
     missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}

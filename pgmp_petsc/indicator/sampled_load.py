@@ -43,7 +43,6 @@ from pgmp_petsc.models.model import AT_REST, search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene.effect_checks import parts_of
-from pgmp_petsc.scene.effects import StructuralDamping
 
 N_PARTS = 16  # of a step, between which an amplitude is taken for linear
 Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
@@ -191,7 +190,7 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
         f"the run starts undeformed, with {at_once} at once: the vibration that this sets off makes "
         f"{min(100.0 * share, 100.0):.0f} % of its largest deformation"
     )
-    damped = any(isinstance(effect, StructuralDamping) for effect in model.scene.effects.values())
+    damped = any(effect.on_vibrations for effect in model.scene.effects.values())
     lasts = "" if damped else "; nothing in the bodies damps it: it falls out of step with that of a better model"
     if _is_cured(model, system, start, swing, energy):
         return (warning(f"{what}; initial.equilibrium = true starts with the static one{lasts}"),)

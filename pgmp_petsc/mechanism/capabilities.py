@@ -93,8 +93,8 @@ def _given(entry: str, value: float | bool | None) -> Iterator[str]:
 
 def _stretching_by_itself(scene: Scene) -> Iterator[str]:
     for name, effect in scene.effects.items():
-        if effect.type == "geometric_stiffening" and effect.stretching != "static":
-            yield f'effects.{name}.stretching = "{effect.stretching}"'
+        if effect.is_stretching not in (None, "static"):
+            yield f'effects.{name}.stretching = "{effect.is_stretching}"'
 
 
 def _automatic(scene: Scene) -> Iterator[str]:
@@ -108,8 +108,8 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
-def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
-    return lambda scene: (f"effects.{name}" for name, effect in scene.effects.items() if effect.type in types)
+def _of_second_order(scene: Scene) -> Iterator[str]:
+    return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
@@ -144,7 +144,7 @@ FEATURES = (
     Feature("choice of effects", _automatic, OF_THE_REDUCTION, third_derivative=True),
     Feature(
         "stiffness by loads, inertia of changing modes",
-        _effects_of("geometric_stiffening", "mode_inertia"),
+        _of_second_order,
         OF_THE_REDUCTION | {Purpose.COMPONENTS},
         third_derivative=True,
     ),

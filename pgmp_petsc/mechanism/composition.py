@@ -23,7 +23,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Placement
-from pgmp_petsc.scene.effects import PointMass
+from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.spanning_values import outermost_values
 
@@ -60,7 +60,7 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
         else:
             bodies[name] = Body.rigid(name, meshes[name], section)
     for name, effect in scene.effects.items():
-        if isinstance(effect, PointMass):
+        if isinstance(effect, AddedMass):
             owner, _, point = effect.point.partition(":")
             node = bodies[owner].shape.point(point, f"effects.{name}.point")
             lumps = _lumps(effect)
@@ -222,17 +222,17 @@ def _directors(space: Space, pose: np.ndarray) -> np.ndarray:
     return space.natural(pose)[d:].reshape(d, d).T
 
 
-def welded_masses(scene: Scene, bodies: Sequence[Body]) -> dict[str, tuple[PointMass, int]]:
+def welded_masses(scene: Scene, bodies: Sequence[Body]) -> dict[str, tuple[AddedMass, int]]:
     """Return the point masses on rigid bodies by their names, with the numbers of the bodies that they are."""
     numbers = {body.name: number for number, body in enumerate(bodies)}
     return {
         name: (effect, numbers[_welded(name)])
         for name, effect in scene.effects.items()
-        if isinstance(effect, PointMass) and _welded(name) in numbers
+        if isinstance(effect, AddedMass) and _welded(name) in numbers
     }
 
 
-def _lumps(effect: PointMass) -> dict[Monomial, LumpedMass]:
+def _lumps(effect: AddedMass) -> dict[Monomial, LumpedMass]:
     mass = Quantity.of(effect.mass)
     lumps = {mass.monomial: LumpedMass(mass.coefficient, 0.0)}
     if effect.inertia:

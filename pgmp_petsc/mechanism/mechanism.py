@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connectio
 from pgmp_petsc.mechanism.joints import Connection, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, at_nodes, at_points, rotate, space_of
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.scene.effects import PrescribedMotion
+from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 
 
@@ -255,4 +255,4 @@ class Mechanism:
 
 def _prescribed(scene: Scene) -> set[str]:
     """Return the coordinates that follow given motions."""
-    return {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
+    return {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}

@@ -19,7 +19,7 @@ from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE, cause_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
@@ -190,16 +190,15 @@ class JointAngles:
     """
 
     def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, scale: np.ndarray) -> None:
-        measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
-        self._angles = [angle for angle, _ in measures]
-        self._nodes = sorted(set().union(*(needed for _, needed in measures)))
+        self._angles = [Reading.of_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self._nodes = sorted(set().union(*(angle.nodes for angle in self._angles)))
         self._reconstruction = Reconstruction(kinematics, rom, scheme, self._nodes)
         self._steps = SHAPE / np.maximum(scale, 1e-300)
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return the angles, shape (n, n_theta), for reduced coordinates (n, n_eta)."""
         frames = dict(zip(self._nodes, self._reconstruction.frames(eta)))
-        return np.stack([angle(frames) for angle in self._angles], axis=1)
+        return np.stack([angle.value(frames) for angle in self._angles], axis=1)
 
     def gradient(self, eta: np.ndarray) -> np.ndarray:
         """Return the derivatives of the angles, shape (n, n_theta, n_eta)."""

@@ -32,7 +32,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Circle
-from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
 
 Values = Mapping[str, "np.ndarray | float"]
@@ -301,7 +301,7 @@ def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> 
     if stressed_bodies(scene):
         bodies = {body.name: body for body in bodies_of(scene, meshes)}
         for name, entry in scene.outputs.items():
-            if isinstance(entry, Stress):
+            if entry.reads == "stresses":
                 _points(f"outputs.{name}", entry, scene, carrier_of(bodies[entry.body]))
 
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note
 from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.runtime.plugins import in_use
 from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
@@ -68,7 +69,7 @@ class CheckpointFolder:
 
     def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
         self.path = _folder_of(output)
-        self._run, self._growing = dict(run), dict(growing or {})
+        self._run, self._growing = {**run, **in_use()}, dict(growing or {})
         self._identity = identity(self._run)
         # of pieces that were put: what tells a file from any later one of the same name, and the arrays
         self._at_hand: dict[Path, tuple[tuple[int, ...], Mapping[str, np.ndarray]]] = {}

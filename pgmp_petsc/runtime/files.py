@@ -47,6 +47,7 @@ import numpy as np
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.claims import KINDS, check_output, named
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, from_json, to_json
+from pgmp_petsc.runtime.plugins import check_plugins, plugins_of
 from pgmp_petsc.runtime.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 
 
@@ -184,13 +185,26 @@ class RunRecord:
         file.attrs["seed"] = h5py.Empty("i8") if self.seed is None else self.seed
         file.attrs["ranks"] = self.ranks
         file.attrs["remarks"] = to_json(self.remarks)
+        needed = plugins_of(self.scene_toml)
+        if needed:
+            file.attrs["plugins"] = json.dumps(needed)
         timings = file.create_group("timings", track_order=True)
         for phase, seconds in self.timings.items():
             put(timings, phase, float(seconds), "s", f"wall time of phase '{phase}', maximum over the ranks")
 
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
-        """Read the record of a file opened with :func:`open_file`."""
+        """Read the record of a file opened with :func:`open_file`.
+
+        Raises
+        ------
+        InputError
+            If it was made with a plugin that is not in use, or with another one of that name.
+        """
+        with shapes_of(file):
+            needed = json.loads(file.attrs.get("plugins", "{}"))
+            needed = {str(name): str(sha256) for name, sha256 in needed.items()}
+        check_plugins(needed, file.filename)
         with shapes_of(file):
             seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
             return cls(

@@ -19,19 +19,18 @@ steps, only those with rows are looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effects import Effect, Force, Torque
+from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import Cylindrical, are_parallel, joints_with
+from pgmp_petsc.scene.joints import Cylindrical, joints_with
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.uses import stop_ends
+from pgmp_petsc.scene.uses import ordered_ends
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -39,57 +38,29 @@ if TYPE_CHECKING:
 
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
-#: Joints that rotate, and those that rotate or slide, in the plane and in space.
-TURNING = {d: joints_with("turning", dimension=d) for d in (2, 3)}
-SLIDING = joints_with("sliding")
-MOVING = {d: joints_with("turning", "sliding", dimension=d) for d in (2, 3)}
-#: Joints that an effect may be on.
-ON_JOINTS = {
-    kinds.Torque: TURNING,
-    kinds.JointDamping: MOVING,
-    kinds.JointFriction: MOVING,
-    kinds.SpringDamper: MOVING,
-    kinds.EndStop: MOVING,
-}
-#: Rotations that a bushing resists, and what a scene moves in.
-TURNS = {2: 1, 3: 3}
-WHERE = {2: "in the plane", 3: "in space"}
-#: Effects that a scene may have once.
-SINGLE = (kinds.Gyroscopic, kinds.GeometricStiffening, kinds.ModeInertia)
-
-PointCheck = Callable[["Scene", str, str, bool], Iterator[str]]
 
 
-def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
-    """Yield one line for each entry of an effect that does not fit; `check_point` checks ``"body:point"``."""
+def effect_problems(scene: Scene) -> Iterator[str]:
+    """Yield one line for each entry of an effect that does not fit."""
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        allowed = ON_JOINTS.get(type(effect))
-        if allowed and effect.joint is not None:
-            yield from joint_problems(scene, f"{entry}.joint", effect.joint, allowed[scene.dimension])
+        if effect.joints and effect.joint is not None:
+            fitting = joints_with(*effect.joints, dimension=scene.dimension)
+            yield from joint_problems(scene, f"{entry}.joint", effect.joint, fitting)
             yield from motion_problems(scene, entry, effect)
         for key, ground_allowed in (("point", False), ("towards", True)):
             point = getattr(effect, key, None)
             if point is not None:
-                yield from check_point(scene, f"{entry}.{key}", point, ground_allowed)
-        if isinstance(effect, (kinds.SpringDamper, kinds.Bushing)) and effect.points is not None:
-            yield from points_problems(scene, f"{entry}.points", effect.points, check_point)
-        if isinstance(effect, kinds.Bushing):
-            yield from _bushing(scene, entry, effect)
-        if isinstance(effect, kinds.Force) and effect.towards is not None:
-            yield from _apart(scene, f"{entry}.towards", (effect.point, effect.towards))
-        if isinstance(effect, (kinds.Torque, kinds.Force, kinds.PrescribedMotion)):
-            # all parts of a harmonic have its frequency: what is wrong with it is said once
-            parts = parts_of(name, effect).values()
-            yield from dict.fromkeys(line for part in parts for line in _resolved_in_time(scene, entry, part))
-        if isinstance(effect, kinds.StructuralDamping):
-            yield from _damped_bodies(scene, entry, effect)
-        if isinstance(effect, kinds.PrescribedMotion):
-            yield from _prescribed(scene, name, effect)
+                yield from point_problems(scene, f"{entry}.{key}", point, ground_allowed)
+        points = getattr(effect, "points", None)
+        if points is not None:
+            yield from points_problems(scene, f"{entry}.points", points)
+        yield from effect.problems(scene, name)
+        if effect.single:
+            others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
+            if name != others[0]:
+                yield problem(entry, f"effects.{others[0]} is of the same type; a scene has one at most")
     yield from _ends_apart(scene)
-    yield from _damped_once(scene)
-    yield from _alone(scene)
-    yield from _halves(scene)
 
 
 def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
@@ -117,35 +88,32 @@ def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
         yield problem(f"{entry}.motion", "for cylindrical joints; others have one motion; leave it out", motion)
 
 
-def _bushing(scene: Scene, entry: str, effect: kinds.Bushing) -> Iterator[str]:
-    """Check that a bushing has axes that make a frame, and as many numbers as axes."""
-    n = scene.dimension
-    wanted = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]" if n == 3 else "one axis, [[1.0, 0.0]]"
-    given = [list(axis) for axis in effect.reference]
-    if len(given) != n - 1 or any(len(axis) != n for axis in given):
-        yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
-    elif n == 3 and are_parallel(*given):
-        yield problem(f"{entry}.reference", "the axes must not be parallel; the second one is at a right angle", given)
-    for key, count in (
-        ("stiffness", n),
-        ("damping", n),
-        ("turning_stiffness", TURNS[n]),
-        ("turning_damping", TURNS[n]),
-    ):
-        numbers = getattr(effect, key)
-        if numbers and len(numbers) != count:
-            what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
-            yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
+def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
+    """Check the owner of a point, and the point if on the ground; only its mesh knows a body's points."""
+    owner, name = split_point(point)
+    if owner == GROUND and not ground_allowed:
+        yield problem(entry, "a point of a body is needed; the ground does not move", point)
+    elif owner == GROUND:
+        if name not in scene.ground.positions:
+            yield unknown(entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions])
+    elif owner not in scene.bodies:
+        known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
+        yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)
 
 
-def points_problems(scene: Scene, entry: str, points: tuple[str, str], check_point: PointCheck) -> Iterator[str]:
+def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the line about a name that nothing has."""
+    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
+
+
+def points_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
     """Yield a line for each of two points that there is not, and if their distance cannot change."""
     for point in points:
-        yield from check_point(scene, entry, point, True)
-    yield from _apart(scene, entry, points)
+        yield from point_problems(scene, entry, point, True)
+    yield from apart_problems(scene, entry, points)
 
 
-def _apart(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+def apart_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
     """Check that the distance of two points can change."""
     owners = [split_point(point)[0] for point in points]
     body = scene.bodies.get(owners[0])
@@ -157,17 +125,23 @@ def _apart(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
         yield problem(entry, f"{owners[0]} is rigid; the distance of its points does not change", list(points))
 
 
-def _resolved_in_time(
-    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force | kinds.PrescribedMotion
-) -> Iterator[str]:
-    """Check that what the integrator sees, values at the ends of steps, is what the scene says."""
+def load_problems(scene: Scene, name: str, effect: OverTime) -> Iterator[str]:
+    """Yield a line for each part of a load that steps do not resolve; harmonics have one frequency, told once."""
+    parts = parts_of(name, effect).values()
+    yield from dict.fromkeys(line for part in parts for line in _part_problems(scene, f"effects.{name}", part))
+
+
+def _part_problems(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
+    if effect.harmonic is not None:
+        yield from harmonic_problems(scene, entry, effect)
+    elif scene.simulation.tolerance is None:  # otherwise the step is not known yet
+        yield from _impulse(scene, f"{entry}.table", effect)
+
+
+def harmonic_problems(scene: Scene, entry: str, effect: OverTime | Driving) -> Iterator[str]:
+    """Yield a line if steps are too few in a period: the integrator sees values at the ends of steps."""
     run = scene.simulation
-    if run.tolerance is not None:  # the step is not known yet
-        return
-    if effect.harmonic is None:
-        if effect.table is not None and not isinstance(effect, kinds.PrescribedMotion):
-            yield from _impulse(scene, f"{entry}.table", effect)
-    elif run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
+    if run.tolerance is None and run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
         yield problem(
             f"{entry}.harmonic.frequency_hz",
             f"needs a simulation.step of at most {1.0 / (STEPS_A_PERIOD * effect.harmonic.frequency_hz):.3g} s, "
@@ -176,136 +150,48 @@ def _resolved_in_time(
         )
 
 
-def _impulse(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[str]:
+def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
     run = scene.simulation
     n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
     found = impulse_of(effect.table, run.duration, n_steps)
     # what sets in within a step is seen half a step early or late; that is as it should be
     tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
     if abs(found.seen - found.exact) > tolerated:
-        unit = "N m s" if isinstance(effect, kinds.Torque) else "N s"
         yield problem(
             entry,
-            f"has an impulse of {found.exact:.4g} {unit}, but {found.seen:.4g} with a {effect.type} read every "
-            f"{run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
+            f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} "
+            f"read every {run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
         )
 
 
-def _damped_bodies(scene: Scene, entry: str, effect: kinds.StructuralDamping) -> Iterator[str]:
-    flexible = [name for name, body in scene.bodies.items() if body.flexible]
-    for body in effect.bodies or ():
-        if body not in scene.bodies:
-            yield problem(
-                f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", list(effect.bodies)
-            )
-        elif body not in flexible:
-            yield problem(
-                f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", list(effect.bodies)
-            )
-    if effect.bodies is None and not flexible:
-        yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
-
-
 def _ends_apart(scene: Scene) -> Iterator[str]:
-    """Check that the lower end of a stop is below the upper one, nominally and in a single run."""
-    for name, lower, upper in stop_ends(scene):
+    """Check that entries that are in order are, nominally and in a single run."""
+    for entry, other, lower, upper in ordered_ends(scene):
         if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
             continue  # said elsewhere
         for values in (scene.nominal, scene.values):
             low, high = (scene.number(end, values) for end in (lower, upper))
             if not low < high:
                 behind = f", not {low:g}" if isinstance(lower, str) else ""
-                yield problem(f"effects.{name}.lower", f"must be below upper = {high:g}{behind}", lower)
+                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
                 break
-
-
-def _damped_once(scene: Scene) -> Iterator[str]:
-    taken: dict[str, str] = {}
-    for name, effect in scene.effects.items():
-        if isinstance(effect, kinds.StructuralDamping):
-            for body in dict.fromkeys(effect.bodies or scene.bodies):
-                if body in taken:
-                    yield problem(
-                        f"effects.{name}",
-                        f"effects.{taken[body]} damps {body} too; give all the damping of a body in one effect",
-                    )
-                taken.setdefault(body, name)
-
-
-def _prescribed(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[str]:
-    entry = f"effects.{name}.coordinate"
-    if effect.coordinate not in scene.coordinates:
-        yield problem(
-            entry, f"there is no such coordinate{nearest_name(effect.coordinate, scene.coordinates)}", effect.coordinate
-        )
-        return
-    joint = scene.coordinates[effect.coordinate].joint
-    for other, rival in scene.effects.items():
-        if isinstance(rival, (kinds.Torque, kinds.EndStop)) and rival.joint == joint:
-            yield problem(
-                entry,
-                f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion "
-                "takes whatever torque it needs; leave one of them out",
-                effect.coordinate,
-            )
-        if other < name and isinstance(rival, kinds.PrescribedMotion) and rival.coordinate == effect.coordinate:
-            yield problem(entry, f"effects.{other} prescribes the same coordinate", effect.coordinate)
-    if effect.coordinate in scene.simulation.initial:
-        yield problem(
-            f"simulation.initial.{effect.coordinate}",
-            f"effects.{name} prescribes this coordinate from the start on; leave one of them out",
-        )
-
-
-def _alone(scene: Scene) -> Iterator[str]:
-    for kind in SINGLE:
-        names = [name for name, effect in scene.effects.items() if isinstance(effect, kind)]
-        for name in names[1:]:
-            yield problem(f"effects.{name}", f"effects.{names[0]} is of the same type; a scene has one at most")
-
-
-def _halves(scene: Scene) -> Iterator[str]:
-    """Refuse half of what is of second order in the deformation: each half alone is wrong where bodies spin.
-
-    Without the stiffness by inertia forces a spinning beam softens and buckles at a speed where it does not (Kane, Ryan
-    and Banerjee 1987); without the inertia of the turning shapes it is stiffer in the plane than it is.
-    """
-    found = {type(effect): name for name, effect in scene.effects.items()}
-    halves = (kinds.GeometricStiffening, kinds.ModeInertia)
-    present = [kind for kind in halves if kind in found]
-    if len(present) == 1:
-        (missing,) = set(halves) - set(present)
-        yield problem(
-            f"effects.{found[present[0]]}",
-            "is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an "
-            f'effect of type "{missing.model_fields["type"].annotation.__args__[0]}" too, or neither',
-        )
-    second_order = scene.reduction.second_order or bool(present)
-    left_out = kinds.Gyroscopic in found and not scene.effects[found[kinds.Gyroscopic]].keep
-    if left_out and second_order:
-        reason = f"effects.{found[present[0]]}" if present else "reduction.second_order"
-        yield problem(
-            f"effects.{found[kinds.Gyroscopic]}.keep",
-            f"leaves out the forces by velocities whose stiffening {reason} asks for; keep them, or leave out both",
-            False,
-        )
 
 
 HARMONIC = ("amplitude", "mean")
 
 
-def parts_of(name: str, effect: Effect) -> dict[str, Effect]:
+def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
     """Return the loads that an effect is made of; any other effect as it is.
 
     Several are named after the effect and their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's
     name, and so has one that is alone.
     """
-    if not isinstance(effect, (Torque, Force)):
+    if not isinstance(effect, OverTime):
         return {name: effect}
     parameters = effect.parameters_over_time
     if not parameters:
         return {name: effect}
-    parts: dict[str, Effect] = {} if _is_zero(effect) else {name: _part(effect, None)}
+    parts: dict[str, EffectEntry] = {} if _is_zero(effect) else {name: _part(effect, None)}
     for parameter in parameters:
         parts[_own_name(name, parameter)] = _part(effect, parameter)
     return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
@@ -323,12 +209,12 @@ def _own_name(name: str, parameter: str) -> str:
     return f"{name}_{parameter}"
 
 
-def _is_zero(effect: Torque | Force) -> bool:
+def _is_zero(effect: OverTime) -> bool:
     """Return whether all values that are numbers are zero."""
     return not any(value for _, value in effect.values_over_time if not isinstance(value, str))
 
 
-def _part(effect: Torque | Force, parameter: str | None) -> Torque | Force:
+def _part(effect: OverTime, parameter: str | None) -> OverTime:
     """Return the load of one parameter, or of the numbers."""
 
     def value_of(value: float | str) -> float:

@@ -1,32 +1,36 @@
-"""Effects: what acts on the mechanism. An effect that a scene does not name is never evaluated."""
+"""What a scene may say of effects, and what all else has to know of one. The effects themselves are in `effects`.
+
+An effect is one class: its entries, and what is declared of it here. An effect that a scene does not name is never
+evaluated.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from pgmp_petsc.declare.ideas import EFFECTS, Found, refuse
 from pgmp_petsc.scene.fields import (
-    Connection,
-    ConstantSpeed,
-    Direction,
-    Harmonic,
     LoadHarmonic,
     LoadTable,
-    Name,
-    NotNegative,
-    NotNegativeOrParameter,
-    Number,
     NumberOrParameter,
     Point,
-    PositiveOrParameter,
-    SpinUp,
     Table,
-    TimeTable,
+    Unit,
     exactly_one,
-    no_parameter,
+    quantities_of,
     refusal,
 )
+from pgmp_petsc.scene.units import SI
+from pgmp_petsc.scene.uses import Use
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.findings import Finding
+    from pgmp_petsc.scene.schema import Scene
 
 TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
@@ -34,12 +38,161 @@ TABLE = (
 )
 
 
-class _OverTime(Table):
+class EffectEntry(Table):
+    """A table ``[effects.NAME]``. An effect is a subclass with ``type: Literal["..."]``, its entries, and `acts`.
+
+    An entry that may name a parameter says its `Unit`. What two entries ask of each other is a `model_validator`, what
+    the rest of the scene has to have are `problems`.
+    """
+
+    #: What it is: ``forces`` that `forces` makes, a part of the ``mechanism``, or of its ``reduction`` alone.
+    acts: ClassVar[Literal["forces", "mechanism", "reduction"]]
+    #: Motions of which the joint that it is on leaves one free: ``turning``, ``sliding``.
+    joints: ClassVar[tuple[str, ...]] = ()
+    #: Entries that may be changed with a model that is built.
+    changeable: ClassVar[tuple[str, ...]] = ()
+    #: Whether its law is evaluated in every step, on the frames of two nodes; loads cost nothing to speak of.
+    local: ClassVar[bool] = False
+    #: Whether it is what a scene is about, and never left out for being small.
+    cause: ClassVar[bool] = False
+    #: Whether a scene has one at most.
+    single: ClassVar[bool] = False
+    #: Whether its force turns within a step, so that the error of a step does not fall as its square.
+    edged: ClassVar[bool] = False
+    #: Whether it acts on vibrations alone: the rigid mechanism does not feel it.
+    on_vibrations: ClassVar[bool] = False
+    #: Whether it is a uniform field of acceleration.
+    uniform: ClassVar[bool] = False
+    #: Whether it is a part of what is of second order in deformation.
+    second_order: ClassVar[bool] = False
+    #: Unit of its strength, where that changes over time.
+    strength_unit: ClassVar[str] = ""
+    #: Entry without which it is nothing.
+    nothing_without: ClassVar[str] = ""
+    #: Entry of the stiffness that bodies meet.
+    stiff_by: ClassVar[str] = ""
+    #: Entries of the places where the stiffness sets in, and on which side of them: 1 is above, -1 below.
+    sets_in: ClassVar[dict[str, float]] = {}
+    #: Pairs of entries of which the first is below the second, in every sample.
+    ordered: ClassVar[tuple[tuple[str, str], ...]] = ()
+    #: Entries that may name a parameter, with their signs and units.
+    quantities: ClassVar[dict[str, tuple[str, Unit]]] = {}
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
+        if EFFECTS.take(cls):
+            _check(cls)
+
+    def forces(self, name: str, mechanism: Any) -> Any:
+        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
+
+        Raises
+        ------
+        InputError
+            If a body's mesh does not have a point that it is at.
+        """
+        raise NotImplementedError
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
+        yield from ()
+
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
+
+        Parameters
+        ----------
+        frequencies
+            First frequency of flexible bodies between hinges, Hz, as far as they are known.
+        first
+            Returns the first frequency of the mechanism, Hz, if it can be had.
+        """
+        yield from ()
+
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Return how much it would matter in a scene that has none, as a share and in words; None if nobody can say.
+
+        Parameters
+        ----------
+        run
+            Of the rigid mechanism, a `studies.rigid_run.RigidRun`.
+        exchanged
+            Energy that is moved around in it, J.
+        tolerance
+            Share from which on something matters. The share that is returned is NaN where only the words are known.
+        """
+        return None
+
+    def uses(self, entry: str, turns: bool) -> Iterator[Use]:
+        """Yield the entries that may name a parameter; `entry` is the effect's own, `turns` what it acts on."""
+        for key, (sign, unit) in self.quantities.items():
+            found = getattr(self, key)
+            for value in found if isinstance(found, tuple) else (found,):
+                if value is not None:
+                    yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
+
+    @property
+    def is_stretching(self) -> str | None:
+        """How bodies follow their shortening by bending, ``static`` or ``dynamic``; None if that is not said."""
+        return None
+
+    @property
+    def keeps_velocity_forces(self) -> bool:
+        """Whether the inertia forces that are quadratic in velocities stay."""
+        return True
+
+    @property
+    def adds(self) -> str:
+        """What it adds to a model besides loads and local forces, in words."""
+        return ""
+
+
+def _check(cls: type[EffectEntry]) -> None:
+    """Refuse an effect that is not whole.
+
+    Raises
+    ------
+    InputError
+        With the file and line of the class.
+    """
+    made = cls.forces is not EffectEntry.forces
+    if getattr(cls, "acts", None) not in ("forces", "mechanism", "reduction"):
+        raise refuse(cls, 'an effect says what it is: acts = "forces" (or "mechanism", "reduction")')
+    if made != (cls.acts == "forces"):
+        needed = "needs the method forces(self, name, mechanism), which makes them" if not made else "has no forces"
+        raise refuse(cls, f'an effect with acts = "{cls.acts}" {needed}')
+    named = (*cls.changeable, *filter(None, [cls.nothing_without, cls.stiff_by]), *cls.sets_in, *chain(*cls.ordered))
+    strange = [key for key in named if key not in cls.model_fields]
+    if strange:
+        raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")
+    if bool(cls.joints) != ("joint" in cls.model_fields):
+        raise refuse(cls, 'an effect with the entry joint says what of it is free: joints = ("turning", "sliding")')
+    if issubclass(cls, OverTime) and not cls.strength_unit:
+        raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
+    try:
+        cls.quantities = quantities_of(cls)
+    except ValueError as error:
+        raise refuse(cls, str(error)) from None
+    for key, (_, unit) in cls.quantities.items():
+        for one in (*unit.turning, *unit.sliding):
+            if one not in SI:
+                raise refuse(cls, f"{key} is in '{one}', which is no SI unit of a scene; units: {', '.join(SI)}")
+
+
+class OverTime(EffectEntry):
     """What acts with a given strength over time."""
 
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    scale: NumberOrParameter = Field(1.0, description="factor on it, a number or a parameter's name")
+    scale: Annotated[NumberOrParameter, Unit("1")] = Field(
+        1.0, description="factor on it, a number or a parameter's name"
+    )
+    changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
+    nothing_without: ClassVar[str] = "scale"
+    cause: ClassVar[bool] = True
 
     @property
     def parameters_over_time(self) -> tuple[str, ...]:
@@ -53,6 +206,28 @@ class _OverTime(Table):
             return tuple((f"harmonic.{key}", getattr(self.harmonic, key)) for key in ("amplitude", "mean"))
         return tuple((f"table[{row}]", value) for row, (_, value) in enumerate(self.table or ()))
 
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
+
+        Parameters
+        ----------
+        frequencies
+            First frequency of flexible bodies between hinges, Hz, as far as they are known.
+        first
+            Returns the first frequency of the mechanism, Hz, if it can be had.
+        """
+        yield from ()
+
+    def uses(self, entry: str, turns: bool) -> Iterator[Use]:
+        """Yield the entries that may name a parameter; the factor of a table is a number, or has the table's unit."""
+        for use in super().uses(entry, turns):
+            is_scale = use.entry == f"{entry}.scale"
+            yield Use(use.entry, use.value, use.sign, ("1", self.strength_unit)) if is_scale else use
+        for key, value in self.values_over_time:
+            yield Use(f"{entry}.{key}", value, "any", (self.strength_unit,))
+
     @model_validator(mode="after")
     def _one_function(self) -> Self:
         exactly_one(self, "table", "harmonic")
@@ -65,7 +240,7 @@ class _OverTime(Table):
         return self
 
 
-class _OnJoint(Table):
+class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
     joint: str = Field(description="name of a revolute joint, or of one that slides")
@@ -74,241 +249,63 @@ class _OnJoint(Table):
     )
 
 
-class Torque(_OverTime):
-    """A torque (Nm) over time on a revolute or cylindrical joint: it turns the second body, and its reaction the
-    first."""
+    #: Entry that its work grows with.
+    strength: ClassVar[str] = ""
 
-    type: Literal["torque"]
-    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+    @classmethod
+    def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
+        """Return the work (J) of one unit of its strength on a joint that moves at rates (n,) at times (n,).
 
+        `turns_freely` is whether the joint turns about several axes, where rates have no sign.
+        """
+        raise NotImplementedError
 
-class Force(_OverTime):
-    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point.
-
-    A force towards a point pulls that point as well, like a rope between the two.
-    """
-
-    type: Literal["force"]
-    point: Point = Field(description='where it acts, "body:point"')
-    direction: Direction | None = Field(
-        None, description="direction (x, y), in space (x, y, z); its length does not matter"
-    )
-    follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
-    towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
-
-    @model_validator(mode="after")
-    def _one_direction(self) -> Self:
-        exactly_one(self, "direction", "towards")
-        if self.follows and self.direction is None:
-            raise refusal("a direction that turns with the body needs `direction`", "follows")
-        return self
-
-
-class Gravity(Table):
-    """A uniform field of acceleration on every body and every point mass."""
-
-    type: Literal["gravity"]
-    direction: Direction = Field(
-        (0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter"
-    )
-    acceleration: NumberOrParameter = Field(9.81, description="acceleration (m/s2), a number or a parameter's name")
+    @classmethod
+    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
+        """Return from which strength on it would matter: the smallest of joints that turn, of those that slide, and of
+        those that turn about several axes."""
+        texts, note = [], ""
+        if not cls.strength or not exchanged:
+            return None
+        _, unit = cls.quantities[cls.strength]
+        for motion, (own,) in (("turning", unit.turning), ("sliding", unit.sliding), ("spin", unit.turning)):
+            works = {
+                joint: cls.work(rate, run.time, motion == "spin")
+                for (joint, of), rate in run.joints.items()
+                if of == motion
+            }
+            if not any(works.values()):
+                continue
+            joint = max(works, key=works.get)
+            kind = scene.joints[joint]
+            about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if motion == "spin" else ""
+            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {own} on ({joint}{about})")
+            note = "; none can be on joints that turn about several axes" if motion == "spin" else ""
+        return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 
 
-class PointMass(Table):
-    """A mass and a moment of inertia at a point of a body."""
+class AddedMass(EffectEntry):
+    """A mass at a point of a body, a part of the mechanism."""
 
-    type: Literal["point_mass"]
-    point: Point = Field(description='where it is, "body:point"')
-    mass: PositiveOrParameter = Field(description="mass (kg), a number or a parameter's name")
-    inertia: NotNegativeOrParameter = Field(
-        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
-    )
+    point: Point
+    mass: float | str
+    inertia: float | str
 
 
-class JointDamping(_OnJoint):
-    """Viscous damping of the relative rotation or sliding in a joint."""
+class Driving(EffectEntry):
+    """What moves a coordinate as given, whatever it takes."""
 
-    type: Literal["joint_damping"]
-    coefficient: NotNegativeOrParameter = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
+    coordinate: str
 
+    @property
+    def fastest(self) -> tuple[str, float, tuple[float, ...]]:
+        """The entry that says how fast it becomes, how fast (rad/s), and the entry's value if that is the speed."""
+        raise NotImplementedError
 
-class JointFriction(_OnJoint):
-    """Coulomb friction in a joint under a constant load, regularised: ``-limit tanh(rate / speed)``."""
-
-    type: Literal["joint_friction"]
-    limit: NotNegativeOrParameter = Field(
-        description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
-    )
-    speed: PositiveOrParameter = Field(
-        description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
-    )
+    def motion(self, name: str) -> Any:
+        """Return the motion over time, an `effects.motion.Motion`."""
+        raise NotImplementedError
 
 
-class SpringDamper(_OnJoint):
-    """A linear spring and damper: between the bodies of a joint, or between two points."""
-
-    type: Literal["spring_damper"]
-    joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
-    points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
-    stiffness: NumberOrParameter = Field(0.0, description="Nm/rad or N/m, a number or a parameter's name")
-    damping: NotNegativeOrParameter = Field(0.0, description="Nm s/rad or N s/m, a number or a parameter's name")
-    rest: NumberOrParameter | None = Field(
-        None,
-        description="angle (rad), displacement or distance (m) without force, a number or a parameter's name; 0 for a "
-        "joint if not given",
-    )
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        exactly_one(self, "joint", "points")
-        if self.points is not None and self.rest is None:
-            raise refusal("a spring between points needs the distance without force (m)", "rest")
-        if not (self.stiffness or self.damping):
-            raise refusal("at least one of stiffness and damping is needed")
-        return self
-
-
-class Bushing(Table):
-    """An elastic mount between two points: a spring and a damper along every axis of a reference frame, which turns
-    with the owner of the first point, and about every axis.
-
-    Along an axis the force is ``-k s - c s'`` on the displacement s; about it the couple is that of ``-k s - c s'`` on
-    the sine s of the rotation from the way in which the bodies are placed, in the plane on the rotation.
-    """
-
-    type: Literal["bushing"]
-    points: Connection = Field(description='two points, "body:point" or "ground:point"')
-    reference: tuple[Direction, ...] = Field(
-        description="first axis, and in space a second one, of the frame in which it is stiff, "
-        "in the frame of the first point's owner; their lengths do not matter"
-    )
-    stiffness: tuple[NotNegativeOrParameter, ...] = Field(
-        (), description="along each axis, the last completes the frame (N/m), numbers or parameters' names"
-    )
-    damping: tuple[NotNegativeOrParameter, ...] = Field((), description="along each axis (N s/m)")
-    turning_stiffness: tuple[NotNegativeOrParameter, ...] = Field((), description="about each axis (Nm/rad)")
-    turning_damping: tuple[NotNegativeOrParameter, ...] = Field((), description="about each axis (Nm s/rad)")
-
-    @model_validator(mode="after")
-    def _something(self) -> Self:
-        keys = ("stiffness", "damping", "turning_stiffness", "turning_damping")
-        if not any(value for key in keys for value in getattr(self, key)):
-            raise refusal(f"at least one of {', '.join(keys)} must be above zero")
-        return self
-
-
-_OF_DAMPING = no_parameter(
-    "matrices of structural damping are made once for all samples; build once for each value (--override), or damp "
-    "joints, springs or bushings, whose coefficients may be parameters"
-)
-
-
-class StructuralDamping(Table):
-    """Damping within the bodies: Rayleigh's, or ratios of the modes of each free body."""
-
-    type: Literal["structural_damping"]
-    bodies: tuple[Name, ...] | None = Field(None, min_length=1, description="names of bodies; all if not given")
-    stiffness: Annotated[NotNegative, _OF_DAMPING] = Field(
-        0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
-    )
-    mass: Annotated[NotNegative, _OF_DAMPING] = Field(
-        0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
-    )
-    ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(
-        (), description="damping ratios of the first elastic modes of each free body"
-    )
-
-    @model_validator(mode="after")
-    def _something(self) -> Self:
-        if not (self.stiffness or self.mass or any(self.ratios)):
-            raise refusal("at least one of stiffness, mass and ratios must be above zero")
-        return self
-
-
-class PrescribedMotion(Table):
-    """A coordinate that moves as given, whatever it takes."""
-
-    type: Literal["prescribed_motion"]
-    coordinate: str = Field(description="name of a coordinate")
-    table: TimeTable | None = Field(
-        None, description="rows [time (s), angle (rad)]; cubic spline, at rest at both ends and beyond"
-    )
-    harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")
-    constant_speed: ConstantSpeed | None = Field(None, description="{ speed, start = 0 }")
-
-    @model_validator(mode="after")
-    def _one_function(self) -> Self:
-        exactly_one(self, "table", "harmonic", "spin_up", "constant_speed")
-        if self.table is not None and len(self.table) < 2:
-            raise refusal("a motion needs at least two rows", "table")
-        return self
-
-
-class EndStop(_OnJoint):
-    """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
-
-    type: Literal["end_stop"]
-    lower: NumberOrParameter | None = Field(
-        None, description="where the stop at the lower end is (rad or m), a number or a parameter's name"
-    )
-    upper: NumberOrParameter | None = Field(
-        None, description="where the stop at the upper end is (rad or m), a number or a parameter's name"
-    )
-    stiffness: PositiveOrParameter = Field(description="Nm/rad or N/m, a number or a parameter's name")
-    damping: NotNegativeOrParameter = Field(
-        0.0,
-        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
-        "number or a parameter's name",
-    )
-
-    @model_validator(mode="after")
-    def _some_end(self) -> Self:
-        if self.lower is None and self.upper is None:
-            raise refusal("at least one of lower and upper is needed")
-        return self
-
-
-class Gyroscopic(Table):
-    """The inertia forces that are quadratic in velocities: there unless a slow scene leaves them out."""
-
-    type: Literal["gyroscopic"]
-    keep: bool = Field(True, strict=True, description="false leaves them out of the reduced model")
-
-
-class GeometricStiffening(Table):
-    """Stiffness by forces that act: axial loads and inertia forces (of reduced and component models; the full-order one
-    has it)."""
-
-    type: Literal["geometric_stiffening"]
-    stretching: Literal["static", "dynamic"] = Field(
-        "static",
-        description="how bodies follow their shortening by bending: at once, which holds for large deflections, or by "
-        "the coordinates that stretch them, which is more accurate for small ones at high frequencies (as "
-        "reduction.second_order)",
-    )
-
-
-class ModeInertia(Table):
-    """Inertia of mode shapes that change with the configuration (the reduced model's; the full-order one has it)."""
-
-    type: Literal["mode_inertia"]
-
-
-Effect = Annotated[
-    Torque
-    | Force
-    | Gravity
-    | PointMass
-    | JointDamping
-    | JointFriction
-    | SpringDamper
-    | Bushing
-    | StructuralDamping
-    | PrescribedMotion
-    | EndStop
-    | Gyroscopic
-    | GeometricStiffening
-    | ModeInertia,
-    Field(discriminator="type"),
-]
+#: A table of ``[effects]``.
+Effect = Annotated[EffectEntry, Found(EFFECTS)]

@@ -9,7 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, TypeGuard
+from typing import Annotated, Any, Literal, TypeGuard, get_args
 
 from pydantic import (
     AfterValidator,
@@ -26,6 +26,8 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from pgmp_petsc.runtime.errors import visible
 
 GROUND = "ground"
+#: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
+Sign = Literal["positive", "not negative", "any"]
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -38,6 +40,55 @@ class Table(BaseModel):
     """A table of a scene: unknown keys are refused and values never change after validation."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A note on an entry that may name a parameter: its unit where it acts on a rotation, and on what slides."""
+
+    on_turning: str
+    on_sliding: str = ""
+
+    @property
+    def turning(self) -> tuple[str, ...]:
+        """The units that a parameter may be in where a rotation is acted on."""
+        return (self.on_turning,)
+
+    @property
+    def sliding(self) -> tuple[str, ...]:
+        """The units that a parameter may be in where something slides."""
+        return (self.on_sliding or self.on_turning,)
+
+
+@dataclass(frozen=True)
+class Quantified:
+    """A note on a type that takes a parameter's name: which numbers make sense."""
+
+    sign: Sign
+
+
+def _notes(hint: Any) -> list[Any]:
+    """Return the notes within a type."""
+    return [*getattr(hint, "__metadata__", ()), *(note for part in get_args(hint) for note in _notes(part))]
+
+
+def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
+    """Return the entries of a table that may name a parameter, with their signs and units.
+
+    Raises
+    ------
+    ValueError
+        If one of them has no unit.
+    """
+    found = {}
+    for name, field in table.model_fields.items():
+        notes = [*field.metadata, *_notes(field.annotation)]
+        signs, units = ([note for note in notes if isinstance(note, kind)] for kind in (Quantified, Unit))
+        if signs and not units:
+            raise ValueError(f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
+        if signs:
+            found[name] = signs[0].sign, units[0]
+    return found
 
 
 def refusal(allowed: str, key: str = "") -> PydanticCustomError:
@@ -222,13 +273,19 @@ Angle = Annotated[Number, AfterValidator(_no_more_turns)]
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
-NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter), AfterValidator(_sensible_numbers)]
+NumberOrParameter = Annotated[
+    float | str,
+    BeforeValidator(_number_or_parameter),
+    AfterValidator(_sensible_numbers),
+    Quantified("any"),
+]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[
     float | str,
     BeforeValidator(_positive_or_parameter),
     AfterValidator(_sensible_numbers),
     _either(exclusiveMinimum=0),
+    Quantified("positive"),
 ]
 #: A number that is not negative, or the name of a parameter.
 NotNegativeOrParameter = Annotated[
@@ -236,6 +293,7 @@ NotNegativeOrParameter = Annotated[
     BeforeValidator(_not_negative_or_parameter),
     AfterValidator(_sensible_numbers),
     _either(minimum=0),
+    Quantified("not negative"),
 ]
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from pgmp_petsc.declare.ideas import Found
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 MAX_LINES = 8
@@ -152,7 +153,10 @@ def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list
 def _members(annotation: Any) -> list[Any]:
     """Return the alternatives of a type, without None and without the notes around it."""
     while get_origin(annotation) is Annotated:
-        annotation = get_args(annotation)[0]
+        annotation, *notes = get_args(annotation)
+        found = [note.family.found() for note in notes if isinstance(note, Found)]
+        if found:
+            return list(found[0])
     if get_origin(annotation) in (Union, UnionType):
         alternatives = [member for member in get_args(annotation) if member is not type(None)]
         return [member for alternative in alternatives for member in _members(alternative)]

@@ -1,71 +1,20 @@
-"""Outputs: what a run reports over time."""
+"""What a scene may say of outputs, and what all else has to know of one. The outputs themselves are in `outputs`.
+
+An output is one class: its entries, what it reads of a motion, and what is declared of it here.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
+from pgmp_petsc.scene.fields import Table
 
-from pgmp_petsc.scene.fields import Connection, Point, Table, Vector
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
 
 Axis = Literal["x", "y", "z"]
-
-
-class Angle(Table):
-    """Relative rotation of a revolute joint (rad), measured on the flexible bodies' nodes."""
-
-    type: Literal["angle"]
-    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
-
-
-class Sliding(Table):
-    """Displacement along the line or axis of a joint that slides (m)."""
-
-    type: Literal["sliding"]
-    joint: str = Field(description="name of a joint that slides: point_on_line, prismatic, cylindrical")
-
-
-class Distance(Table):
-    """Distance of two points (m)."""
-
-    type: Literal["distance"]
-    points: Connection = Field(description='two points, "body:point" or "ground:point"')
-
-
-class Rotation(Table):
-    """Rotation of a point's cross-section in space (rad)."""
-
-    type: Literal["rotation"]
-    point: Point = Field(description='point of a body, "body:point"')
-
-
-class Position(Table):
-    """Position of a point along an axis in space (m)."""
-
-    type: Literal["position"]
-    point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y, in space also z")
-
-
-class Displacement(Table):
-    """Position of a point along an axis minus that at the start of the run (m)."""
-
-    type: Literal["displacement"]
-    point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y, in space also z")
-
-
-class Deformation(Table):
-    """Position of a point along an axis minus that of the rigid mechanism at the same joint angle (m)."""
-
-    type: Literal["deformation"]
-    point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y, in space also z")
-    frame: Literal["ground", "body"] = Field(
-        "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
-    )
-
-
 #: Quantities of a stress output by the kind of element, with their units.
 STRESSES = {
     "solid2d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
@@ -92,37 +41,52 @@ STRESSES = {
 OF_FIBRES = ("stress_max", "stress_min")
 
 
-class Stress(Table):
-    """Stress of a flexible body, or the force or moment in a section of a beam, largest of what it is asked of."""
+class OutputEntry(Table):
+    """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
-    type: Literal["stress"]
-    body: str = Field(description="name of a flexible body")
-    quantity: Literal[
-        "von_mises",
-        "principal_max",
-        "principal_min",
-        "axial_force",
-        "shear_force",
-        "shear_force_2",
-        "shear_force_3",
-        "torsion_moment",
-        "bending_moment",
-        "bending_moment_2",
-        "bending_moment_3",
-        "stress_max",
-        "stress_min",
-    ] = Field(
-        description="von_mises, principal_max, principal_min (Pa) of solids; of beams axial_force, shear_force (N), "
-        "bending_moment (N m), stress_max, stress_min of the outermost fibres (Pa), in space shear_force_2 and _3, "
-        "bending_moment_2 and _3, torsion_moment"
-    )
-    at: Vector | None = Field(None, description="place in the body's own frame, that of its mesh (m)")
-    group: str | None = Field(
-        None, description="group of faces of a solid, or named point of a beam: the largest value there"
-    )
-    region: str | None = Field(None, description="region of cells of a solid: the largest value there")
+    #: What it reads of a motion: ``frames`` of nodes, which `reading` takes, or ``stresses``, which models observe.
+    reads: ClassVar[Literal["frames", "stresses"]]
+    #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
+    joints: ClassVar[tuple[str, ...]] = ()
+    #: Unit of what is read of frames.
+    unit: ClassVar[str] = ""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
+        if not OUTPUTS.take(cls):
+            return
+        if getattr(cls, "reads", None) not in ("frames", "stresses"):
+            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "stresses")')
+        if (cls.reading is not OutputEntry.reading) != (cls.reads == "frames"):
+            raise refuse(cls, 'an output has the method reading(self, name, start, kinematics) if it reads "frames"')
+        if bool(cls.unit) != (cls.reads == "frames"):
+            raise refuse(cls, 'an output of frames says its unit: unit = "m"')
+        if bool(cls.joints) != ("joint" in cls.model_fields):
+            raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
+
+    def reading(self, name: str, start: Any, kinematics: Any) -> Any:
+        """Return what is read of frames, an `outputs.readings.Reading`.
+
+        Parameters
+        ----------
+        name
+            Dotted name of the output, for messages.
+        start
+            Coordinates at the start, shape (n_theta,), rad.
+        kinematics
+            A `mechanism.kinematics.RigidKinematics`.
+
+        Raises
+        ------
+        InputError
+            If a body's mesh does not have a point that it is at.
+        """
+        raise NotImplementedError
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
+        yield from ()
 
 
-Output = Annotated[
-    Angle | Sliding | Distance | Rotation | Position | Displacement | Deformation | Stress, Field(discriminator="type")
-]
+#: A table of ``[outputs]``.
+Output = Annotated[OutputEntry, Found(OUTPUTS)]

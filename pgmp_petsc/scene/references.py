@@ -6,18 +6,22 @@ Checks that entries belong to where the mechanism moves: the plane, or space whe
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effect_checks import SLIDING, TURNING, effect_problems, joint_problems, points_problems
-from pgmp_petsc.scene.effects import PrescribedMotion
+from pgmp_petsc.scene.effect_checks import (
+    effect_problems,
+    joint_problems,
+    point_problems,
+    points_problems,
+    unknown,
+)
+from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute
+from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute, joints_with
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import Angle, Distance, Sliding, Stress
-from pgmp_petsc.scene.stress_checks import stress_problems
 from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
@@ -35,7 +39,7 @@ def reference_problems(scene: Scene) -> list[str]:
             _bodies(scene),
             _joints(scene),
             _coordinates(scene),
-            _effects(scene),
+            effect_problems(scene),
             _outputs(scene),
             _initial_states(scene),
             _parameter_uses(scene),
@@ -52,17 +56,18 @@ def _bodies(scene: Scene) -> Iterator[str]:
         if name == GROUND:
             yield problem("bodies.ground", "this name means the points fixed in space; give the body another one")
         if body.material is not None and body.material not in scene.materials:
-            yield _unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
+            yield unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
         for region, material in body.regions.items():
             if material not in scene.materials:
-                yield _unknown(f"bodies.{name}.regions.{region}", "material", material, scene.materials)
+                yield unknown(f"bodies.{name}.regions.{region}", "material", material, scene.materials)
 
 
 def _joints(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         entry = f"joints.{name}.connect"
         owners = [split_point(point)[0] for point in joint.connect]
-        yield from (line for point in joint.connect for line in _point(scene, entry, point, ground_allowed=True))
+        for point in joint.connect:
+            yield from point_problems(scene, entry, point, ground_allowed=True)
         if owners[0] == owners[1]:
             yield problem(
                 entry,
@@ -103,26 +108,20 @@ def _coordinates(scene: Scene) -> Iterator[str]:
         taken.setdefault(coordinate.joint, name)
 
 
-def _effects(scene: Scene) -> Iterator[str]:
-    return effect_problems(scene, _point)
-
-
 def _outputs(scene: Scene) -> Iterator[str]:
     for name, output in scene.outputs.items():
         if name in scene.parameters:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
         if name == "time":
             yield problem("outputs.time", "result files keep instants under this name; give the output another one")
-        if isinstance(output, Angle):
-            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, TURNING[scene.dimension])
-        elif isinstance(output, Sliding):
-            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, SLIDING)
-        elif isinstance(output, Distance):
-            yield from points_problems(scene, f"outputs.{name}.points", output.points, _point)
-        elif isinstance(output, Stress):
-            yield from stress_problems(scene, name, output)
-        else:
-            yield from _point(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
+        if output.joints:
+            fitting = joints_with(*output.joints, dimension=scene.dimension)
+            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, fitting)
+        if getattr(output, "points", None) is not None:
+            yield from points_problems(scene, f"outputs.{name}.points", output.points)
+        if getattr(output, "point", None) is not None:
+            yield from point_problems(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
+        yield from output.problems(scene, name)
 
 
 def _initial_states(scene: Scene) -> Iterator[str]:
@@ -139,7 +138,7 @@ def _initial_states(scene: Scene) -> Iterator[str]:
                 f"simulation.initial.{name}",
                 f"there is no such coordinate{nearest_name(name, scene.coordinates)}",
             )
-    prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
+    prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in prescribed and not (coordinate.periodic or low <= position <= high):
@@ -155,7 +154,7 @@ def _parameter_uses(scene: Scene) -> Iterator[str]:
         if use.parameter is None:
             continue
         if use.parameter not in scene.parameters:
-            yield _unknown(use.entry, "parameter", use.parameter, scene.parameters)
+            yield unknown(use.entry, "parameter", use.parameter, scene.parameters)
         else:
             parameter = scene.parameters[use.parameter]
             for key in ("nominal", "value"):
@@ -173,23 +172,6 @@ def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
 
 def _revolute(scene: Scene, entry: str, joint: str) -> Iterator[str]:
     return joint_problems(scene, entry, joint, (Revolute,))
-
-
-def _point(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
-    """Check the owner of a point, and the point if on the ground; only its mesh knows a body's points."""
-    owner, name = split_point(point)
-    if owner == GROUND and not ground_allowed:
-        yield problem(entry, "a point of a body is needed; the ground does not move", point)
-    elif owner == GROUND:
-        if name not in scene.ground.positions:
-            yield _unknown(entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions])
-    elif owner not in scene.bodies:
-        known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
-        yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)
-
-
-def _unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
-    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
 
 
 def space_problems(scene: Scene) -> Iterator[str]:
@@ -236,9 +218,6 @@ def _in_the_plane(scene: Scene) -> Iterator[str]:
         if body.placement is not None and body.placement.rotation is not None:
             rotation = list(body.placement.rotation)
             yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
-    for name, output in scene.outputs.items():
-        if getattr(output, "axis", "x") == "z":
-            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
 
 
 def _in_space(scene: Scene) -> Iterator[str]:
@@ -257,10 +236,3 @@ def _in_space(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         if joint.type == "revolute" and joint.axis is None:
             yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")
-    for name, effect in scene.effects.items():
-        if effect.type == "gravity" and "direction" not in effect.model_fields_set:
-            yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
-    for name, output in scene.outputs.items():
-        if output.type == "rotation":
-            why = "a rotation in space is no single number; take the angle of a joint"
-            yield problem(f"outputs.{name}.type", why, output.type)

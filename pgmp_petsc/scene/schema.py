@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
+from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effect_checks import part_problems, parts_of
@@ -108,12 +109,12 @@ class Scene(Table):
     @property
     def second_order(self) -> bool:
         """Whether the reduced model has what is of second order in deformation: both effects that make it up or all."""
-        return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
+        return self.reduction.second_order or any(e.second_order for e in self.effects.values())
 
     @property
     def static_stiffening(self) -> bool:
         """Whether an effect asks bodies to follow their shortening by bending at once: in component runs too."""
-        return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
+        return any(effect.is_stretching == "static" for effect in self.effects.values())
 
     @property
     def static_stretching(self) -> bool:
@@ -124,7 +125,7 @@ class Scene(Table):
     @property
     def gyroscopic(self) -> bool:
         """Whether the reduced model has the inertia forces that are quadratic in velocities."""
-        return all(effect.keep for effect in self.effects.values() if effect.type == "gyroscopic")
+        return all(effect.keeps_velocity_forces for effect in self.effects.values())
 
     @property
     def positive_parameters(self) -> frozenset[str]:
@@ -212,3 +213,6 @@ class Scene(Table):
         if problems:
             raise input_error(problems)
         return self
+
+
+WHEN_GROWN.append(lambda: Scene.model_rebuild(force=True))

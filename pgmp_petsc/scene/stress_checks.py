@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.fields import split_point
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body
@@ -23,10 +23,10 @@ PLACES = ("at", "group", "region")
 
 def stressed_bodies(scene: Scene) -> set[str]:
     """Return the names of the bodies that stress outputs name."""
-    return {output.body for output in scene.outputs.values() if isinstance(output, Stress)}
+    return {output.body for output in scene.outputs.values() if output.reads == "stresses"}
 
 
-def stress_problems(scene: Scene, name: str, output: Stress) -> Iterator[str]:
+def stress_problems(scene: Scene, name: str, output: OutputEntry) -> Iterator[str]:
     """Yield one line for each entry of a stress output that does not fit the body it names."""
     entry = f"outputs.{name}"
     if output.body not in scene.bodies:
@@ -48,7 +48,7 @@ def stress_problems(scene: Scene, name: str, output: Stress) -> Iterator[str]:
     yield from _place(entry, output, body)
 
 
-def _quantity(entry: str, output: Stress, body: Body) -> Iterator[str]:
+def _quantity(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
     allowed = STRESSES[body.element]
     if output.quantity not in allowed:
         why = f"a {body.element} has no such quantity; allowed: {', '.join(allowed)}"
@@ -59,7 +59,7 @@ def _quantity(entry: str, output: Stress, body: Body) -> Iterator[str]:
         yield problem(f"{entry}.quantity", why, output.quantity)
 
 
-def _place(entry: str, output: Stress, body: Body) -> Iterator[str]:
+def _place(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
     given = [key for key in PLACES if getattr(output, key) is not None]
     if len(given) > 1:
         why = f"at most one of {', '.join(PLACES)} is needed; {' and '.join(given)} are given"

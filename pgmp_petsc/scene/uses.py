@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.scene.fields import Sign
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
-
-Sign = Literal["positive", "not negative", "any"]
 
 MATERIAL = {"E": "Pa", "rho": "kg/m3"}
 BODY = {"thickness": "m", "section_scale": "1"}
@@ -37,39 +35,6 @@ SECTION = {
     "rotary_2": "kg m",
     "rotary_3": "kg m",
 }
-#: Entries of effects with their sign, and their units on a joint that turns and on what slides.
-EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
-    kinds.Torque: {"scale": ("any", ("1", "N m"), ("1", "N m"))},
-    kinds.Force: {"scale": ("any", ("1", "N"), ("1", "N"))},
-    kinds.Gravity: {"acceleration": ("any", ("m/s2",), ("m/s2",))},
-    kinds.PointMass: {
-        "mass": ("positive", ("kg",), ("kg",)),
-        "inertia": ("not negative", ("kg m2",), ("kg m2",)),
-    },
-    kinds.JointDamping: {"coefficient": ("not negative", ("N m s/rad",), ("N s/m",))},
-    kinds.JointFriction: {
-        "limit": ("not negative", ("N m",), ("N",)),
-        "speed": ("positive", ("rad/s",), ("m/s",)),
-    },
-    kinds.SpringDamper: {
-        "stiffness": ("any", ("N m/rad",), ("N/m",)),
-        "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
-        "rest": ("any", ("rad",), ("m",)),
-    },
-    kinds.EndStop: {
-        "lower": ("any", ("rad",), ("m",)),
-        "upper": ("any", ("rad",), ("m",)),
-        "stiffness": ("positive", ("N m/rad",), ("N/m",)),
-        "damping": ("not negative", ("s/rad",), ("s/m",)),
-    },
-    kinds.Bushing: {
-        "stiffness": ("not negative", ("N/m",), ("N/m",)),
-        "damping": ("not negative", ("N s/m",), ("N s/m",)),
-        "turning_stiffness": ("not negative", ("N m/rad",), ("N m/rad",)),
-        "turning_damping": ("not negative", ("N m s/rad",), ("N m s/rad",)),
-    },
-}
-
 
 @dataclass(frozen=True)
 class Use:
@@ -82,7 +47,7 @@ class Use:
     value
         What it holds.
     sign
-        Which numbers make sense. A spring may be negative: a magnet, or a preloaded one past its dead point.
+        Which numbers make sense.
     units
         What it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
     """
@@ -136,28 +101,21 @@ def uses_of(scene: Scene) -> Iterator[Use]:
     for coordinate, name in velocity_names(scene).items():
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
     for name, effect in scene.effects.items():
-        turns = not slides(scene, effect)
-        for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
-            found = getattr(effect, key)
-            for value in found if isinstance(found, tuple) else (found,):
-                if value is not None:
-                    yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
-        if isinstance(effect, (kinds.Torque, kinds.Force)):
-            unit = "N m" if isinstance(effect, kinds.Torque) else "N"
-            for entry, value in effect.values_over_time:
-                yield Use(f"effects.{name}.{entry}", value, "any", (unit,))
+        yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
 
-def stop_ends(scene: Scene) -> Iterator[tuple[str, float | str, float | str]]:
-    """Yield the stops at both ends of a motion: name of the effect, lower and upper end."""
+def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str]]:
+    """Yield pairs of entries of which the first is below the second: the first one's dotted name, the second one's
+    own, and both values."""
     for name, effect in scene.effects.items():
-        if isinstance(effect, kinds.EndStop) and None not in (effect.lower, effect.upper):
-            yield name, effect.lower, effect.upper
+        for low, high in effect.ordered:
+            if None not in (ends := (getattr(effect, low), getattr(effect, high))):
+                yield f"effects.{name}.{low}", high, *ends
 
 
 def slides(scene: Scene, entry: Any) -> bool:
-    """Whether an effect or output acts along a line: between two points, or on a joint that slides."""
-    if getattr(entry, "points", None) is not None:
+    """Whether an effect or output acts along a line: at points, between two of them, or on a joint that slides."""
+    if getattr(entry, "points", None) is not None or getattr(entry, "point", None) is not None:
         return True
     joint = scene.joints.get(getattr(entry, "joint", None))
     motions = () if joint is None else joint.motions

@@ -25,7 +25,7 @@ from typing import Any
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
-from pgmp_petsc.experiments.finished import LOCAL, LOCAL_EFFECT, duration_text
+from pgmp_petsc.experiments.finished import LOCAL_EFFECT, duration_text
 from pgmp_petsc.experiments.period import start_of_coordinates
 from pgmp_petsc.experiments.reference import takes_second_order
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -71,7 +71,7 @@ class CandidatePrices:
     @classmethod
     def of(cls, mechanism: Mechanism, limits: Limits, n_steps: int, angles: int) -> CandidatePrices:
         """Take the sizes of a mechanism."""
-        local = sum(effect.type in LOCAL for effect in mechanism.scene.effects.values())
+        local = sum(effect.local for effect in mechanism.scene.effects.values())
         step = STEP + LOCAL_EFFECT * local
         return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, step, n_steps, angles)
 

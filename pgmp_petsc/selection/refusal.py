@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene.effects import Force, Gravity, Torque
+from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.training import sets_in_at_once, stops_of
 from pgmp_petsc.selection.trial import Ledger, Trial
@@ -209,8 +209,8 @@ def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list
     scene, (load, output, sample) = bench.scene, trial.errors.place
     moving = any(state.velocity != 0.0 for state in scene.simulation.initial.values())
     rests = moving or scene.initial.equilibrium and scene.initial.coordinates == "free"
-    weights = [] if rests else [name for name, effect in scene.effects.items() if isinstance(effect, Gravity)]
-    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, (Torque, Force))}
+    weights = [] if rests else [name for name, effect in scene.effects.items() if effect.uniform]
+    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, OverTime)}
     sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
     cures = []
     if weights:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import EndStop, Force, PrescribedMotion, Torque
+from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
@@ -28,7 +28,7 @@ OF_REDUCTION = ", for basis and interpolation"
 N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
 
 Table = tuple[tuple[float, float], ...]
-OverTime = Table | LoadHarmonic
+Function = Table | LoadHarmonic
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Load:
 
     name: str
     description: str
-    functions: Mapping[str, OverTime]
+    functions: Mapping[str, Function]
     for_step: bool
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
@@ -93,7 +93,7 @@ class Training:
             remarks.append("no torque or force acts over time: loads are not varied")
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")
-        if any(isinstance(effect, PrescribedMotion) for effect in scene.effects.values()):
+        if any(isinstance(effect, Driving) for effect in scene.effects.values()):
             remarks.append("prescribed motions are not varied")
         return cls(values, n_samples, loads, tuple(remarks))
 
@@ -109,7 +109,7 @@ class Training:
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first; of torques and forces over time alone."""
-    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, (Torque, Force))}
+    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, OverTime)}
     own = {name: effect.table or effect.harmonic for name, effect in acting.items()}
     peaks = {name: _peak(function) for name, function in own.items()}
     loads = [Load("own", "the scene's own loads", own, True)]
@@ -131,19 +131,20 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
 
 def stops_of(scene: Scene) -> list[str]:
     """Return the end stops whose stiffness is a number."""
-    stops = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, EndStop)}
-    return [name for name, effect in stops.items() if not isinstance(effect.stiffness, str)]
+    stops = {name: effect for name, effect in scene.plain_effects.items() if effect.sets_in}
+    return [name for name, effect in stops.items() if not isinstance(getattr(effect, effect.stiff_by), str)]
 
 
 def with_softer_stops(scene: Scene, factor: float) -> Scene:
     """Return the scene with its end stops a factor as stiff."""
     effects = scene.plain_effects
     for name in stops_of(scene):
-        effects[name] = effects[name].model_copy(update={"stiffness": factor * effects[name].stiffness})
+        stop = effects[name]
+        effects[name] = stop.model_copy(update={stop.stiff_by: factor * getattr(stop, stop.stiff_by)})
     return scene.model_copy(update={"effects": effects})
 
 
-def sets_in_at_once(function: OverTime) -> bool:
+def sets_in_at_once(function: Function) -> bool:
     """Return whether a torque or force is not zero at the start."""
     if isinstance(function, LoadHarmonic):
         return function.mean + function.amplitude * np.sin(function.phase) != 0.0
@@ -151,27 +152,26 @@ def sets_in_at_once(function: OverTime) -> bool:
     return bool(np.interp(0.0, time, value) != 0.0)
 
 
-def _kinds(effects: Iterable[Torque | Force], plural: str = "") -> str:
+def _kinds(effects: Iterable[OverTime], plural: str = "") -> str:
     """Return what acts: ``torque``, ``force`` or ``torque and force``."""
-    kinds = {type(effect) for effect in effects}
-    return " and ".join(word + plural for kind, word in ((Torque, "torque"), (Force, "force")) if kind in kinds)
+    return " and ".join(word + plural for word in sorted({effect.type for effect in effects}, reverse=True))
 
 
-def _scaled(function: OverTime, factor: float) -> OverTime:
+def _scaled(function: Function, factor: float) -> Function:
     if isinstance(function, LoadHarmonic):
         larger = {"amplitude": factor * function.amplitude, "mean": factor * function.mean}
         return function.model_copy(update=larger)
     return tuple((time, factor * value) for time, value in function)
 
 
-def _peak(function: OverTime) -> float:
+def _peak(function: Function) -> float:
     """Return the value of largest size, with its sign."""
     if isinstance(function, LoadHarmonic):
         return abs(function.amplitude) + abs(function.mean)
     return max((value for _, value in function), key=abs)
 
 
-def _pulse(function: OverTime, duration: float) -> OverTime:
+def _pulse(function: Function, duration: float) -> Function:
     """Return a half sine over the run in place of a table, and a harmonic that is as much larger."""
     if isinstance(function, LoadHarmonic):
         return _scaled(function, PULSE)
@@ -179,13 +179,13 @@ def _pulse(function: OverTime, duration: float) -> OverTime:
     return tuple((float(duration * x), float(largest * np.sin(np.pi * x))) for x in np.linspace(0.0, 1.0, N_ROWS))
 
 
-def _hastened(function: OverTime) -> OverTime:
+def _hastened(function: Function) -> Function:
     if isinstance(function, LoadHarmonic):
         return function.model_copy(update={"frequency_hz": HASTE * function.frequency_hz})
     return tuple((time / HASTE, value) for time, value in function)
 
 
-def _steepness(function: OverTime) -> float:
+def _steepness(function: Function) -> float:
     """Return the largest slope over time, N m/s or N/s; infinite where it does not begin at zero."""
     if sets_in_at_once(function):
         return np.inf

@@ -35,16 +35,6 @@ from pgmp_petsc.scene.stress_checks import points_used
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
 #: What effects add that are neither loads nor local forces.
-ADDS = {
-    "point_mass": lambda effect: f"part of the mass matrix at {effect.point}",
-    "prescribed_motion": lambda effect: f"drives {effect.coordinate}",
-    "structural_damping": lambda effect: f"in {', '.join(effect.bodies) if effect.bodies else 'all flexible bodies'}",
-    "gyroscopic": lambda effect: "kept" if effect.keep else "left out of the reduced model",
-    "geometric_stiffening": lambda effect: "tables of second order in the reduced model",
-    "mode_inertia": lambda effect: "tables of second order in the reduced model",
-}
-
-
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.
 
@@ -200,7 +190,7 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
             "local force": sum(action.effect in parts_of(name, effect) for action in actions),
         }
         adds = [counted(n, what) for what, n in counts.items() if n]
-        lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
+        lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or effect.adds}")
     return lines
 
 

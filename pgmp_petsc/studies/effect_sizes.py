@@ -25,14 +25,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.declare.ideas import EFFECTS
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
+from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.continuation import PoseBranch
@@ -47,8 +48,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import parts_of
-from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
-from pgmp_petsc.scene.unit_systems import SI, unit_system
+from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
@@ -56,8 +56,6 @@ DEFAULT_TOLERANCE = 1e-3
 SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
 AT_REST = 1e-14  # of the energy that moves the mechanism by its own size within the run: less is round-off
 RESTS = "the mechanism rests, so that no energy is moved around"
-#: Effects that are what a scene is about; none is ever left out for being small.
-CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 #: Terms of the reduced model that the estimate can add or leave out.
 TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
@@ -158,16 +156,16 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
     for name, effect in scene.effects.items():
         if effect.type in TERMS:
             continue
-        if effect.type == "structural_damping":
+        if effect.on_vibrations:
             about = "acts on vibrations, which a rigid mechanism has not"
             sizes.append(EffectSize(name, effect.type, np.nan, True, about))
-        elif effect.type == "point_mass":
+        elif isinstance(effect, AddedMass):
             share = scene.number(effect.mass) / run.mass
             sizes.append(EffectSize(name, effect.type, share, True, "of all masses"))
         else:
             work = sum((run.balance.work.get(part, np.zeros(1)) for part in parts_of(name, effect)), np.zeros(1))
             share = float(np.max(np.abs(work))) / exchanged if exchanged else np.nan
-            keeps = not share <= tolerance or effect.type in CAUSES
+            keeps = not share <= tolerance or effect.cause
             about = "its work, of the energy moved around" if exchanged else f"not known: {RESTS}"
             sizes.append(EffectSize(name, effect.type, share, keeps, about))
     return sizes
@@ -257,61 +255,13 @@ def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
 
 def _unnamed(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> list[EffectSize]:
     """Return the sizes of effects that the scene does not have, or the numbers from which on they would matter."""
-    here = {effect.type for effect in scene.effects.values()}
-    joints, sizes = run.joints, []
-    if "gravity" not in here and not exchanged:
-        sizes.append(EffectSize("", "gravity", np.nan, False, f"not known: {RESTS}"))
-    elif "gravity" not in here:
-        risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
-        # in space no axis is the vertical one: the worst is told
-        axis = 1 if risen.size == 2 else int(np.argmax(risen))
-        share = (unit_system(scene) or SI).gravity * float(risen[axis]) / exchanged
-        about = f"work of weights along -{'xyz'[axis]}, of the energy moved around"
-        sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
-    if exchanged:
-        budget = tolerance * exchanged
-        # a damper's work is c int s'^2, a friction's limit int |s'|, a spring's energy k s^2 / 2
-        damping = {of: budget / max(trapezoid(rate**2, run.time), 1e-300) for of, rate in joints.items()}
-        friction = {of: budget / max(trapezoid(np.abs(rate), run.time), 1e-300) for of, rate in joints.items()}
-        moved = {of: np.ptp(cumulative_trapezoid(rate, run.time, initial=0.0)) for of, rate in joints.items()}
-        spring = {of: 2.0 * budget / max(path**2, 1e-300) for of, path in moved.items() if of[1] != "spin"}
-        for kind, found, units in (
-            ("joint_damping", damping, ("Nm s/rad", "N s/m")),
-            ("joint_friction", friction, ("Nm", "N")),
-            ("spring_damper", spring, ("Nm/rad", "N/m")),
-        ):
-            if kind not in here and found:
-                about = f"would matter from {_smallest(scene, found, units)}"
-                sizes.append(EffectSize("", kind, np.nan, False, about))
-    if "point_mass" not in here:
-        sizes.append(EffectSize("", "point_mass", np.nan, False, f"would matter from {tolerance * run.mass:.2g} kg on"))
-    if "end_stop" not in here:
-        ranges = [
-            f"{name} from {path.min():.3g} to {path.max():.3g} rad"
-            for name, path in zip(scene.coordinates, run.theta.T)
-        ]
-        about = f"would matter where the motion ends: {', '.join(ranges)}"
-        sizes.append(EffectSize("", "end_stop", np.nan, False, about))
-    if "structural_damping" not in here:
-        duration = scene.simulation.duration
-        about = f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on"
-        sizes.append(EffectSize("", "structural_damping", np.nan, False, about))
+    here, sizes = {effect.type for effect in scene.effects.values()}, []
+    for name, kind in zip(EFFECTS.names, EFFECTS.found()):
+        found = None if name in here else kind.if_added(scene, run, exchanged, tolerance)
+        if found is not None:
+            share, about = found
+            sizes.append(EffectSize("", name, share, share > tolerance, about))
     return sizes
-
-
-def _smallest(scene: Scene, found: dict[tuple[str, str], float], units: tuple[str, str]) -> str:
-    """Return the smallest number of joints that turn, of those that slide, and of those that no effect acts on, with
-    their units."""
-    texts = []
-    for motion, unit in (("turning", units[0]), ("sliding", units[1]), ("spin", units[0])):
-        own = {of: number for of, number in found.items() if of[1] == motion}
-        if own:
-            of = min(own, key=own.get)
-            several = len(scene.joints[of[0]].motions) > 1
-            note = f", {motion}" if several else f", {scene.joints[of[0]].type}" if motion == "spin" else ""
-            texts.append(f"{own[of]:.2g} {unit} on ({of[0]}{note})")
-    several_axes = any(motion == "spin" for _, motion in found)
-    return ", ".join(texts) + ("; none can be on joints that turn about several axes" if several_axes else "")
 
 
 def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[str]:

@@ -30,17 +30,7 @@ if TYPE_CHECKING:
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
-OVER_TIME = ("table", "harmonic")
-OF_EFFECTS = {
-    "torque": OVER_TIME,
-    "force": OVER_TIME,
-    "joint_damping": ("coefficient",),
-    "joint_friction": ("limit", "speed"),
-    "spring_damper": ("stiffness", "damping", "rest"),
-    "bushing": ("stiffness", "damping", "turning_stiffness", "turning_damping"),
-    "end_stop": ("lower", "upper", "stiffness", "damping"),
-    "prescribed_motion": (*OVER_TIME, "spin_up", "constant_speed"),
-}
+
 
 
 def read_scene(
@@ -142,7 +132,7 @@ def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
     if then.keys() != now.keys():
         _refuse("effects", name)
     for key, effect in now.items():
-        free = {entry: getattr(effect, entry) for entry in OF_EFFECTS.get(effect.type, ())}
+        free = {entry: getattr(effect, entry) for entry in effect.changeable}
         if type(then[key]) is not type(effect) or then[key].model_copy(update=free) != effect:
             _refuse(f"effects.{key}", name)
     if built.parameters.keys() != scene.parameters.keys():

@@ -28,7 +28,6 @@ from pgmp_petsc.results.modes import ModeShape
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import MOST_RADIANS
 
-SPRINGS = ("spring_damper", "bushing")
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
@@ -71,7 +70,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
 
 def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
     """Say what the mode is without."""
-    springs = [name for name, effect in model.scene.effects.items() if effect.type in SPRINGS]
+    springs = dict.fromkeys(action.effect for action in model.actions.actions if action.is_spring)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
     return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))
 

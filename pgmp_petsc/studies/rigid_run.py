@@ -20,12 +20,11 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, along
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import StructuralDamping
 from pgmp_petsc.scene.fields import Table
 from pgmp_petsc.scene.uses import BODY, MATERIAL, SECTION
 from pgmp_petsc.studies.balance import balance_of
@@ -141,7 +140,7 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
         section = None if body.section is None else valued(body.section, SECTION)
         bodies[name] = valued(body, BODY).model_copy(update={"flexible": False, "section": section})
     materials = {name: valued(material, MATERIAL) for name, material in scene.materials.items()}
-    effects = {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)}
+    effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}
     # stresses are those of flexible bodies alone
     changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}, "fields": {}}
     return scene.model_copy(update=changed)
@@ -163,7 +162,7 @@ def _collect(
         return along_v, along_a + rows.drift(q, v)[0]
 
     coordinates = mechanism.coordinates
-    theta = np.array([joint_angle(c.connection, model.kinematics)[0](frames) for c in coordinates])
+    theta = np.array([Reading.of_angle(c.connection, model.kinematics).value(frames) for c in coordinates])
     moving = np.array([rates(c.connection.angle, c.connection.sides) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:

@@ -160,7 +160,7 @@ def test_halving_the_speed_quarters_the_stiffening_and_halves_the_mode_inertia()
 def test_the_work_of_a_damper_is_its_share_and_its_threshold() -> None:
     """What would matter from c on has, with c, a share of just the tolerance."""
     text = "\n".join(sizes_of(FOUR_BAR, 'effects.bearing={type="gravity",acceleration=1e-6}').lines())
-    threshold = float(re.search(r"\(joint_damping\).*from (\S+) Nm s/rad", text)[1])
+    threshold = float(re.search(r"\(joint_damping\).*from (\S+) N m s/rad", text)[1])
     joint = re.search(r"\(joint_damping\).*on \((\w+)\)", text)[1]
     damper = f'effects.bearing={{type="joint_damping",joint="{joint}",coefficient={threshold}}}'
     found = {size.name: size for size in sizes_of(FOUR_BAR, damper).sizes}

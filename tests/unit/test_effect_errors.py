@@ -12,6 +12,7 @@ from runs import IN_TURN
 
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.scene.effects import EFFECTS
 
 # a rigid crank, a flexible rod, a slider; a coordinate that is driven, in a range without 0; and a weld
 BASE = """
@@ -58,10 +59,7 @@ joint = "hinge"
 range = [-3.0, 3.0]
 """
 POINT = 'a point is needed, written "body:point" or "ground:point"'
-ALLOWED = (
-    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, bushing, "
-    "structural_damping, prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
-)
+ALLOWED = ", ".join(EFFECTS.names)
 WAVE = "harmonic={amplitude=1, frequency_hz=1}"
 DRIVE = f'{{type="prescribed_motion", coordinate="theta", {WAVE}}}'
 

@@ -46,7 +46,7 @@ FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
 NEEDS = {
     "runtime": set(),
-    "scene": set(),
+    "scene": {"declare"},
     "mesh": set(),
     "declare": set(),
     "results": {"declare"},

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.scene.effects import PrescribedMotion
+from pgmp_petsc.effects.motion import Motion, PrescribedMotion
 
 ENTRIES = {
     "table": {"table": [[0.1, 0.2], [0.5, 1.0], [0.9, -0.5], [1.4, 0.3]]},

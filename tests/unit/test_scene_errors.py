@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import load_scene, scene_from_toml
+from pgmp_petsc.scene import effects, load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
@@ -22,10 +23,7 @@ NO_MOTION = (
 PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
 
 # One override of the shipped scene, and the one line that it is answered with.
-EFFECTS = (
-    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, bushing, structural_damping, "
-    "prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
-)
+EFFECTS = ", ".join(effects.EFFECTS.names)
 ENTRIES = [
     # kinds of values
     ('scene.name=""', 'scene.name = "": text that is not empty is needed'),
@@ -160,8 +158,7 @@ ENTRIES = [
     ),
     (
         "outputs.a.type='speed'",
-        'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
-        "displacement, deformation, stress)",
+        f'outputs.a.type = "speed": unknown (allowed: {", ".join(OUTPUTS.names)})',
     ),
     (
         "bodies.crank.section.shape=1",

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.loads import Torque
+from pgmp_petsc.effects.motion import Motion, PrescribedMotion
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, joined
-from pgmp_petsc.scene.effects import PrescribedMotion, Torque
 
 TIMES = np.concatenate([np.linspace(-0.5, 3.0, 701), [0.2, 0.9, 1.4]])
 ROWS = [[0.2, 1.0], [0.9, -3.0], [0.95, 4.0], [1.4, 4.5]]

@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.effects import Effect, Motion, effects_of
-from pgmp_petsc.effects.loads import Gravity
+from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene
 
@@ -31,7 +31,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """Count the evaluations of everything that effects are made of."""
     watched = [
         (FullBatch, "depths"), (FullDistributed, "depths"), (Motion, "at"), (EventLocation, "repeat_steps"),
-        (Effect, "amplitude"), (Gravity, "loads"),
+        (Effect, "amplitude"), (Weights, "loads"),
     ]  # fmt: skip
     return count_calls(monkeypatch, watched)
 
@@ -52,7 +52,7 @@ def test_without_effects_nothing_of_them_is_evaluated(calls: Counter) -> None:
 
 def test_a_load_is_no_action(calls: Counter) -> None:
     run_both(scene_of(BEAM, SHORT + WEIGHT))
-    assert set(calls) == {"Gravity.loads", "Effect.amplitude"}
+    assert set(calls) == {"Weights.loads", "Effect.amplitude"}
     calls.clear()
     run_both(scene_of(BEAM, SHORT + MOTOR))
     assert set(calls) == {"Effect.amplitude"}

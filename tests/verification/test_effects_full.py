@@ -266,8 +266,13 @@ def test_damping_of_a_sliding_joint() -> None:
     )
 
 
-def test_friction_of_a_sliding_joint() -> None:
-    run = block('[effects.rub]\ntype = "joint_friction"\njoint = "slide"\nlimit = 1.0\nspeed = 0.05', 0.6)
+IN_JOINT = 'type = "joint_friction"\njoint = "slide"'
+AT_POINT = 'type = "point_friction"\npoint = "rod:tip"\ndirection = [3.0, 0.0]'
+
+
+@pytest.mark.parametrize("on", [IN_JOINT, AT_POINT])
+def test_friction_of_what_slides(on: str) -> None:
+    run = block(f"[effects.rub]\n{on}\nlimit = 1.0\nspeed = 0.05", 0.6)
     speed = np.gradient(run.point("rod:tip")[:, 0], run.time, edge_order=2)
     # differences over a step smooth the bend where it stops: (20 h)^2 / 6 of 0.05 m/s, and more at the ends
     np.testing.assert_allclose(speed, coasting(run.time, 0.5, 1.0, 0.05), rtol=0, atol=3e-4)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.outputs.outputs import poses_where_closed
+from pgmp_petsc.outputs.readings import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene
 
 NAMES = ("first", "second", "third")

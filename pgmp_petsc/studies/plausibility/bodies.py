@@ -18,7 +18,7 @@ from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d, Material
 from pgmp_petsc.scene.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+from pgmp_petsc.scene.findings import Finding, doubt, named, refusal
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49

@@ -9,30 +9,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
 
 import numpy as np
 
-import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import impulse_of, parts_of
-from pgmp_petsc.scene.effects import EndStop, PrescribedMotion
+from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+from pgmp_petsc.scene.findings import Finding, doubt, named, refusal
 
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
 HEAVY = 1_000.0  # times the mass of all bodies
-SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 SHORTEST_STEPS = 1e-3  # steps that a stiff spring's or damper's time lasts
 
 
@@ -46,33 +42,35 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        if isinstance(effect, (kinds.Torque, kinds.Force)):
+        if isinstance(effect, OverTime):
             for part in parts_of(name, effect).values():
+                yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)
                 if whole:
                     yield from _speed(scene, entry, part, mass, length, system)
-        elif isinstance(effect, kinds.Gravity):
+            continue
+        yield from _nothing(scene, entry, effect)
+        if effect.uniform:
             yield from _gravity(scene, entry, effect, system)
-        elif isinstance(effect, kinds.PointMass) and whole:
+        if isinstance(effect, AddedMass) and whole:
             where, value = named(scene, f"{entry}.mass", effect.mass)
             if value > HEAVY * mass:
                 yield doubt(where, f"more than {HEAVY:,.0f} times the {mass:.3g} kg of all bodies (it is in kg)", value)
-        elif isinstance(effect, (kinds.SpringDamper, kinds.EndStop)):
+        if effect.stiff_by:
             yield from _spring(scene, entry, effect, mass, length, whole)
-        elif isinstance(effect, kinds.StructuralDamping):
-            yield from _damping(scene, entry, effect, sizes, first)
-        elif isinstance(effect, kinds.JointDamping) and effect.coefficient == 0.0:
-            yield doubt(f"{entry}.coefficient", f"makes {entry} zero; leave it out", 0.0)
-        elif isinstance(effect, kinds.JointFriction) and effect.limit == 0.0:
-            yield doubt(f"{entry}.limit", f"makes {entry} zero; leave it out", 0.0)
+        yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
     yield from _twice(scene)
 
 
-def _over_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[Finding]:
+def _nothing(scene: Scene, entry: str, effect: EffectEntry) -> Iterator[Finding]:
+    if effect.nothing_without:
+        where, value = named(scene, f"{entry}.{effect.nothing_without}", getattr(effect, effect.nothing_without))
+        if value == 0.0:
+            yield doubt(where, f"makes {entry} zero; leave it out", value)
+
+
+def _over_time(scene: Scene, entry: str, effect: OverTime) -> Iterator[Finding]:
     duration = scene.simulation.duration
-    where, scale = named(scene, f"{entry}.scale", effect.scale)
-    if scale == 0.0:
-        yield doubt(where, f"makes {entry} zero; leave it out", scale)
     if effect.harmonic is not None:
         if effect.harmonic.amplitude == 0.0 and effect.harmonic.mean == 0.0:
             yield doubt(f"{entry}.harmonic.amplitude", "makes it zero; leave it out", 0.0)
@@ -97,7 +95,7 @@ def _over_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> 
 
 
 def _speed(
-    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float, system: UnitSystem
+    scene: Scene, entry: str, effect: OverTime, mass: float, length: float, system: UnitSystem
 ) -> Iterator[Finding]:
     """Estimate how fast a load would make the mechanism, as one rod of all its mass that nothing else holds."""
     duration = scene.simulation.duration
@@ -109,7 +107,7 @@ def _speed(
         place = f"{entry}.harmonic"
     else:
         impulse, place = abs(impulse_of(effect.table, duration, 1).exact), f"{entry}.table"
-    turns = isinstance(effect, kinds.Torque)
+    turns = not slides(scene, effect)
     inertia = mass * length / 3.0 if turns else mass
     speed = abs(scale) * impulse / inertia
     metres = speed * system.speed
@@ -124,12 +122,10 @@ def _speed(
         yield doubt(place, f"{words}, if nothing holds it; is the {what} in {unit.removesuffix(' s')}?")
 
 
-def _gravity(scene: Scene, entry: str, effect: kinds.Gravity, system: UnitSystem) -> Iterator[Finding]:
+def _gravity(scene: Scene, entry: str, effect: EffectEntry, system: UnitSystem) -> Iterator[Finding]:
     where, value = named(scene, f"{entry}.acceleration", effect.acceleration)
     if value < 0.0:
         yield doubt(where, "negative: it acts against its direction; turn `direction` round instead", value)
-    elif value == 0.0:
-        yield doubt(where, f"makes {entry} zero; leave it out", value)
     earth = system.gravity
     if abs(value) > STRONG_GRAVITY * earth or 0.0 < abs(value) < earth / WEAK_GRAVITY and system != SI:
         less = "more than ten times" if abs(value) > earth else f"less than 1/{WEAK_GRAVITY:g} of"
@@ -137,19 +133,13 @@ def _gravity(scene: Scene, entry: str, effect: kinds.Gravity, system: UnitSystem
 
 
 def _spring(
-    scene: Scene, entry: str, effect: kinds.SpringDamper | kinds.EndStop, mass: float, length: float, whole: bool
+    scene: Scene, entry: str, effect: EffectEntry, mass: float, length: float, whole: bool
 ) -> Iterator[Finding]:
-    where, stiffness = named(scene, f"{entry}.stiffness", effect.stiffness)
+    where, stiffness = named(scene, f"{entry}.{effect.stiff_by}", getattr(effect, effect.stiff_by))
     if stiffness < 0.0:
         yield doubt(
             where, "negative: it drives the mechanism away from its rest, as a magnet or a toggle does", stiffness
         )
-    if isinstance(effect, kinds.SpringDamper):
-        where_rest, rest = named(scene, f"{entry}.rest", effect.rest)
-        if effect.points is not None and rest < 0.0:
-            yield refusal(where_rest, "a distance between points is not negative", rest)
-        if effect.joint is not None and rest and stiffness == 0.0:
-            yield doubt(where_rest, "without effect, as there is no stiffness; leave it out", rest)
     if not whole:
         return
     turns = not slides(scene, effect)
@@ -164,45 +154,12 @@ def _spring(
         )
 
 
-def _damping(
-    scene: Scene,
-    entry: str,
-    effect: kinds.StructuralDamping,
-    sizes: Mapping[str, Size],
-    first: Callable[[], float | None],
-) -> Iterator[Finding]:
-    found = [
-        (name, sizes[name].frequency_hz)
-        for name in effect.bodies or scene.bodies
-        if name in sizes and sizes[name].frequency_hz > 0.0
-    ]
-    if not found:
-        return
-    name, bending = min(found, key=lambda pair: pair[1])
-    for key, ratio in (
-        ("stiffness", lambda hz: math.pi * hz * effect.stiffness),
-        ("mass", lambda hz: effect.mass / (4.0 * math.pi * hz)),
-    ):
-        # what is held less than by hinges bends more slowly: its damping by mass is worse than it looks
-        if ratio(bending) <= (1.0 if key == "stiffness" else 1.0 / SLOWEST):
-            continue
-        frequency, what = first(), "the first mode of the mechanism, of"
-        if frequency is None:
-            frequency, what = bending, f"{name}, which between hinged ends bends with about"
-        if ratio(frequency) > 1.0:
-            yield doubt(
-                f"{entry}.{key}",
-                f"damps {what} {frequency:.3g} Hz, with {ratio(frequency):.3g} times the critical damping",
-                getattr(effect, key),
-            )
-
-
 def _twice(scene: Scene) -> Iterator[Finding]:
     """Yield gravity that acts twice, and effects that are the same."""
-    seen: list[tuple[str, kinds.Effect]] = []
+    seen: list[tuple[str, EffectEntry]] = []
     for name, effect in scene.effects.items():
         for other, rival in seen:
-            if isinstance(effect, kinds.Gravity) and isinstance(rival, kinds.Gravity):
+            if effect.uniform and rival.uniform:
                 yield doubt(f"effects.{name}", f"a second gravity; effects.{other} acts too, and both add up")
                 break
             if effect == rival:
@@ -229,10 +186,10 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
         If it cannot be.
     """
     coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
-    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
+    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics = None
     for name, effect in scene.effects.items():
-        if not isinstance(effect, EndStop):
+        if not effect.sets_in or effect.joint is None:
             continue
         if effect.joint in coordinates:
             start, deepest, unit = scene.initial_state(coordinates[effect.joint]).position, DEEPEST, "rad"
@@ -242,7 +199,7 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
             kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
             start, unit = _measured(kinematics, scene, effect)
             deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
-        for key, side in (("lower", -1.0), ("upper", 1.0)):
+        for key, side in effect.sets_in.items():
             if getattr(effect, key) is None:
                 continue
             where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
@@ -257,7 +214,7 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
                 )
 
 
-def _measured(kinematics: RigidKinematics, scene: Scene, effect: EndStop) -> tuple[float, str]:
+def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
     """Return the angle or displacement of a joint at the start, and its unit."""
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
     mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
@@ -282,37 +239,18 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
         if abs(state.position) > MANY_TURNS:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
-        if isinstance(effect, kinds.PrescribedMotion):
-            yield from _driven(f"effects.{name}", effect, length, clock)
+        if isinstance(effect, Driving):
+            key, speed, received = effect.fastest
+            yield from _fast(f"effects.{name}.{key}", speed / clock, length, *received)
             yield from _out_of_range(scene, name, effect)
-            if effect.table is not None and effect.table[0][0] > scene.simulation.duration:
-                yield doubt(
-                    f"effects.{name}.table",
-                    f"begins at {effect.table[0][0]:g} s, but the run ends at simulation.duration = "
-                    f"{scene.simulation.duration:g} s; nothing moves",
-                )
 
 
-def _driven(entry: str, effect: kinds.PrescribedMotion, length: float, clock: float) -> Iterator[Finding]:
-    if effect.harmonic is not None:
-        speed = 2 * math.pi * effect.harmonic.frequency_hz * effect.harmonic.amplitude
-        yield from _fast(f"{entry}.harmonic", speed / clock, length)
-    elif effect.spin_up is not None:
-        yield from _fast(f"{entry}.spin_up.speed", effect.spin_up.speed / clock, length, effect.spin_up.speed)
-    elif effect.constant_speed is not None:
-        speed = effect.constant_speed.speed
-        yield from _fast(f"{entry}.constant_speed.speed", speed / clock, length, speed)
-    else:
-        speed = max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(effect.table))
-        yield from _fast(f"{entry}.table", speed / clock, length)
-
-
-def _out_of_range(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[Finding]:
+def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]:
     """Yield a finding if a motion leaves the range of its coordinate, which a periodic one does not."""
     coordinate = scene.coordinates.get(effect.coordinate)
     if coordinate is None or coordinate.periodic:
         return
-    angles = Motion(name, effect).at(np.linspace(0.0, scene.simulation.duration, N_LOOKED_AT)).angle
+    angles = effect.motion(name).at(np.linspace(0.0, scene.simulation.duration, N_LOOKED_AT)).angle
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:

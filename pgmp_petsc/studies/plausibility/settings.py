@@ -21,7 +21,7 @@ from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES
 from pgmp_petsc.scene.uses import uses_of
 from pgmp_petsc.studies.plausibility.bodies import Size
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
+from pgmp_petsc.scene.findings import Finding, doubt, refusal
 
 FEW_STEPS = 10  # of a run
 MANY_STEPS = 1e7

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Gravity
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem
-from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
+from pgmp_petsc.scene.findings import Finding, doubt, refusal
 
 
 def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
@@ -19,7 +18,7 @@ def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding
     missing = [
         name
         for name, effect in scene.effects.items()
-        if isinstance(effect, Gravity) and "acceleration" not in effect.model_fields_set
+        if effect.uniform and "acceleration" not in effect.model_fields_set
     ]
     for effect in missing if system.gravity != STANDARD_GRAVITY else ():
         yield refusal(

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
 
 
 @dataclass(frozen=True)

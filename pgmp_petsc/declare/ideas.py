@@ -1,0 +1,155 @@
+"""Families of ideas: classes that are found, not listed.
+
+A family has one base class. Every subclass with an entry ``type: Literal["NAME"]`` is an idea of that name: it takes
+part as soon as its module is imported. The modules are those of the family's room in the package, and those that
+installed packages name as entry points of the family's group; `plugins` adds files.
+
+A family is looked through when it is first asked for. The scene, which is below the rooms, holds the place open with
+`Found`, and its schema is made of what was found.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import reduce
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from operator import or_
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Annotated, Any, get_args
+
+from pydantic import BaseModel, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.plugins import IN_USE, Plugin
+
+PACKAGE = "pgmp_petsc."
+PLUGIN = "pgmp_plugin_"  # modules of files that a user named begin with it
+
+
+def place_of(cls: type) -> tuple[Path, int]:
+    """Return the file and the line in which a class begins."""
+    module = sys.modules[cls.__module__]
+    try:
+        return Path(module.__file__), inspect.getsourcelines(cls)[1]
+    except (OSError, TypeError, AttributeError):  # typed into an interpreter
+        return Path(cls.__module__), 0
+
+
+def refuse(cls: type, why: str) -> InputError:
+    """Return the error of a class that is no idea, with its file and line."""
+    file, line = place_of(cls)
+    return InputError(f"{file}, line {line}: class {cls.__name__}: {why}")
+
+
+def _plugin(cls: type) -> Plugin:
+    """Return the file outside the package that a class is from."""
+    file, _ = place_of(cls)
+    text = file.read_bytes() if file.is_file() else b""
+    name = file.name if cls.__module__.startswith(PLUGIN) else cls.__module__
+    return Plugin(name, str(file), hashlib.sha256(text).hexdigest())
+
+
+@dataclass
+class Family:
+    """The ideas of one kind.
+
+    Parameters
+    ----------
+    what
+        What one of them is, for messages: ``effect``.
+    base
+        Name of the class that they are subclasses of, for messages.
+    room
+        Package whose modules have the program's own.
+    group
+        Entry points of installed packages, by the name of the table of a scene: ``effects`` is ``pgmp.effects``.
+
+    Attributes
+    ----------
+    classes
+        Those that were imported, by their names.
+    """
+
+    what: str
+    base: str
+    room: str
+    group: str
+    classes: dict[str, type[BaseModel]] = field(default_factory=dict)
+    _looked_through: bool = False
+
+    def take(self, cls: type[BaseModel]) -> bool:
+        """Take a class into the family if it has a ``type`` of its own; return whether it has.
+
+        Raises
+        ------
+        InputError
+            If the type is no literal text, or another idea has it.
+        """
+        if "type" not in cls.model_fields:
+            return False
+        names = get_args(cls.model_fields["type"].annotation)
+        if len(names) != 1 or not isinstance(names[0], str):
+            raise refuse(cls, f'its type names the {self.what}, type: Literal["NAME"]')
+        other = self.classes.get(names[0])
+        if other is not None:
+            file, line = place_of(other)
+            raise refuse(cls, f"there is an {self.what} '{names[0]}' already, {file}, line {line}; choose another name")
+        self.classes[names[0]] = cls
+        if not cls.__module__.startswith(PACKAGE):
+            IN_USE[self.group, names[0]] = _plugin(cls)
+        return True
+
+    def found(self) -> tuple[type[BaseModel], ...]:
+        """Return the ideas in the order of their names."""
+        if not self._looked_through:
+            room = import_module(self.room)
+            for module in iter_modules(room.__path__, f"{self.room}."):
+                import_module(module.name)
+            for point in sorted(entry_points(group=f"pgmp.{self.group}"), key=lambda point: point.name):
+                _load(point, f"pgmp.{self.group}")
+            self._looked_through = True
+        return tuple(self.classes[name] for name in sorted(self.classes))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all ideas, in order."""
+        self.found()
+        return tuple(sorted(self.classes))
+
+
+EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
+OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
+FAMILIES = (EFFECTS, OUTPUTS)
+#: What is done when a family has grown after it was looked through.
+WHEN_GROWN: list[Callable[[], object]] = []
+
+
+def _load(point: EntryPoint, group: str) -> None:
+    """Import what an installed package declares."""
+    try:
+        point.load()
+    except InputError:
+        raise
+    except Exception as error:
+        package = point.dist.name if point.dist is not None else point.value
+        raise InputError(
+            f"{group}: '{point.name}' of the installed package {package} cannot be imported: {type(error).__name__}: "
+            f"{error}; repair the package, or uninstall it"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Found:
+    """A note on a type: one of the ideas of a family, told apart by ``type``."""
+
+    family: Family
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return handler.generate_schema(Annotated[reduce(or_, self.family.found()), Field(discriminator="type")])

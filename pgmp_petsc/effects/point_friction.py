@@ -1,0 +1,43 @@
+"""Coulomb friction of a point that rubs along a line of the ground: ``-limit tanh(s' / speed)`` on its place s."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.laws import FRICTION
+from pgmp_petsc.effects.loads import GROUND_ORIGIN
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import along
+from pgmp_petsc.scene.effects import EffectEntry
+from pgmp_petsc.scene.fields import Direction, NotNegativeOrParameter, Point, PositiveOrParameter, Unit
+
+
+class PointFriction(EffectEntry):
+    """Coulomb friction of a point of a body along a direction of the ground under a constant load, regularised:
+    ``-limit tanh(rate / speed)``."""
+
+    type: Literal["point_friction"]
+    acts = "forces"
+    local = edged = True
+    changeable = ("limit", "speed")
+    nothing_without = "limit"
+    point: Point = Field(description='where it rubs, "body:point"')
+    direction: Direction = Field(description="direction (x, y), in space (x, y, z); its length does not matter")
+    limit: Annotated[NotNegativeOrParameter, Unit("N")] = Field(
+        description="friction force (N) while it slides, a number or a parameter's name"
+    )
+    speed: Annotated[PositiveOrParameter, Unit("m/s")] = Field(
+        description="rate at which 76 % of the limit are reached (m/s), a number or a parameter's name"
+    )
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        """Return the friction."""
+        sides = (mechanism.attachment(point, f"effects.{name}.point") for point in (GROUND_ORIGIN, self.point))
+        parameters, statement = (Quantity.of(self.limit), Quantity.of(self.speed)), along(np.array(self.direction))
+        return ActionEffect(name, [Action(name, statement, *sides, FRICTION, parameters)], mechanism)

@@ -1,0 +1,128 @@
+"""Outputs that are read of the frames of nodes: angles, distances, places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.statements import along, distance
+from pgmp_petsc.outputs.readings import AXES, Reading, RigidReference
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.fields import Connection, Point
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import Axis, OutputEntry
+
+
+class Angle(OutputEntry):
+    """Relative rotation of a revolute joint (rad), measured on the flexible bodies' nodes."""
+
+    type: Literal["angle"]
+    reads, unit, joints = "frames", "rad", ("turning",)
+    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the joint's angle, which counts turns."""
+        return Reading.of_angle(kinematics.mechanism.connection(self.joint), kinematics, start)
+
+
+class Sliding(OutputEntry):
+    """Displacement along the line or axis of a joint that slides (m)."""
+
+    type: Literal["sliding"]
+    reads, unit, joints = "frames", "m", ("sliding",)
+    joint: str = Field(description="name of a joint that slides: point_on_line, prismatic, cylindrical")
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the place along the joint's line."""
+        mechanism = kinematics.mechanism
+        axis = np.array(mechanism.scene.joints[self.joint].axes[0])
+        return Reading("MEASURE", mechanism.connection(self.joint).sides, along(axis), space=mechanism.space)
+
+
+class Distance(OutputEntry):
+    """Distance of two points (m)."""
+
+    type: Literal["distance"]
+    reads, unit = "frames", "m"
+    points: Connection = Field(description='two points, "body:point" or "ground:point"')
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the distance."""
+        mechanism = kinematics.mechanism
+        sides = tuple(mechanism.attachment(point, f"{name}.points") for point in self.points)
+        return Reading("MEASURE", sides, distance(mechanism.space.dimension), space=mechanism.space)
+
+
+class Rotation(OutputEntry):
+    """Rotation of a point's cross-section in space (rad)."""
+
+    type: Literal["rotation"]
+    reads, unit = "frames", "rad"
+    point: Point = Field(description='point of a body, "body:point"')
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line in space."""
+        if scene.dimension == 3:
+            why = "a rotation in space is no single number; take the angle of a joint"
+            yield problem(f"outputs.{name}.type", why, self.type)
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the rotation of the node."""
+        return Reading.at_point("ROTATION", self.point, name, kinematics)
+
+
+class AlongAxis(OutputEntry):
+    """What is read of a point along an axis."""
+
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y, in space also z")
+    reads, unit = "frames", "m"
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line if there is no such axis."""
+        if scene.dimension == 2 and self.axis == "z":
+            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
+
+
+class Position(AlongAxis):
+    """Position of a point along an axis in space (m)."""
+
+    type: Literal["position"]
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y, in space also z")
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the place along the axis."""
+        return Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+
+
+class Displacement(AlongAxis):
+    """Position of a point along an axis minus that at the start of the run (m)."""
+
+    type: Literal["displacement"]
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y, in space also z")
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return the place along the axis, from that of the rigid mechanism at the start."""
+        found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
+        return replace(found, origin=float(found.sides[0].frame_of_pose(kinematics.poses(start[None]))[found.axis, 0]))
+
+
+class Deformation(AlongAxis):
+    """Position of a point along an axis minus that of the rigid mechanism at the same joint angle (m)."""
+
+    type: Literal["deformation"]
+    frame: Literal["ground", "body"] = Field(
+        "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
+    )
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        """Return how far the point is from that of the rigid mechanism."""
+        found = Reading.at_point("DEFORMATION", self.point, name, kinematics, AXES[self.axis])
+        return replace(found, in_body=self.frame == "body", of_coordinates=RigidReference(kinematics).nodes)

@@ -1,0 +1,177 @@
+"""What outputs read of frames: a statement about two points, a place, a rotation, or a place from that of the rigid
+mechanism. The same readings are evaluated here and in models in C (`code.statements`).
+
+Frames are ``(x, y, phi)`` in the plane, and in space position, directors and the rigid coordinates, which say how often
+a joint has turned. A deformation is the position less that of the rigid mechanism at the same measured coordinates,
+e.g. the same rotation of the hinge node, which in a free-free basis is not theta itself. It is not a number (NaN) where
+a measured coordinate is far outside a limited range, because the rigid mechanism may not exist there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joint_turns import JointTurns
+from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import SPATIAL, Space
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.runtime.errors import InputError
+
+AXES = {"x": 0, "y": 1, "z": 2}
+Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A number that is read of frames.
+
+    Attributes
+    ----------
+    kind
+        ``MEASURE`` of a statement, ``POSITION`` of a point along an axis, ``ROTATION`` of its node in the plane, or
+        ``DEFORMATION``: the position from that in the rigid mechanism.
+    sides
+        The attachments: two of a statement, else the point.
+    statement
+        Of a measure.
+    space
+        Of the mechanism.
+    turns
+        What an angle in space is near to; None of other readings.
+    axis, origin
+        Of a position: its number, and what counts as zero, m.
+    in_body
+        Whether the axis of a deformation is one of the body.
+    of_coordinates
+        Nodes that the rigid mechanism of a deformation is measured at.
+    """
+
+    kind: Literal["MEASURE", "POSITION", "ROTATION", "DEFORMATION"]
+    sides: tuple[Attachment, ...]
+    statement: Statement | None = None
+    space: Space = SPATIAL
+    turns: JointTurns | None = None
+    axis: int = 0
+    origin: float = 0.0
+    in_body: bool = False
+    of_coordinates: frozenset[int] = frozenset()
+
+    @classmethod
+    def of_angle(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None) -> Self:
+        """Return the relative rotation b - a of a joint, which counts turns.
+
+        In space that of a coordinate is near the coordinate, that of another joint in (-pi, pi] at the start,
+        coordinates (n_theta,); see `JointTurns`.
+        """
+        space = kinematics.mechanism.space
+        start = np.zeros(kinematics.n_coordinates) if start is None else start
+        turns = JointTurns.of(connection, kinematics, start) if space is SPATIAL else None
+        return cls("MEASURE", connection.sides, connection.angle, space, turns)
+
+    @classmethod
+    def at_point(
+        cls, kind: Literal["POSITION", "ROTATION", "DEFORMATION"], point: str, name: str, kinematics: RigidKinematics,
+        axis: int = 0,
+    ) -> Self:  # fmt: skip
+        """Return what is read of ``"body:point"``; `name` is the output's, for messages."""
+        mechanism = kinematics.mechanism
+        return cls(kind, (mechanism.attachment(point, f"{name}.point"),), space=mechanism.space, axis=axis)
+
+    @property
+    def nodes(self) -> set[int]:
+        """The nodes whose frames are read."""
+        return {side.node for side in self.sides if not side.on_ground} | self.of_coordinates
+
+    def value(self, frames: Frames, rigid: np.ndarray | None = None) -> np.ndarray:
+        """Return the number, shape (n,), for frames and poses of the rigid mechanism (n_bodies, n_pose, n)."""
+        if self.kind == "MEASURE":
+            return self._measure(frames)
+        (point,) = self.sides
+        if self.kind == "ROTATION":
+            return frames[point.node][2]
+        frame = point.frame_of(frames[point.node])
+        if self.kind == "POSITION":
+            return frame[self.axis] - self.origin if self.origin else frame[self.axis]
+        d = self.space.dimension
+        moved = frame[:d] - point.frame_of_pose(rigid)[:d]
+        return self.space.to_body(rigid[point.body], moved)[self.axis] if self.in_body else moved[self.axis]
+
+    def _measure(self, frames: Frames) -> np.ndarray:
+        first = next(frames[side.node] for side in self.sides if not side.on_ground)
+        sides = [
+            side.ground_frame(first.shape[1:]) if side.on_ground else side.frame_of(frames[side.node])
+            for side in self.sides
+        ]
+        if self.statement.kind == ANGLE:
+            near = 0.0 if self.turns is None else self.turns.near(first[SPATIAL.n_pose :])
+            return self.space.angle(self.statement, *sides, near)
+        return self.statement.value(*map(self.space.natural, sides))
+
+
+class RigidReference:
+    """The rigid mechanism at the coordinates that joints of the flexible one have.
+
+    Parameters
+    ----------
+    kinematics
+        Of the mechanism.
+
+    Attributes
+    ----------
+    nodes
+        Global numbers of the nodes that joints are measured at.
+    """
+
+    def __init__(self, kinematics: RigidKinematics) -> None:
+        self._kinematics = kinematics
+        self._angles = [Reading.of_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self.nodes = frozenset().union(*(angle.nodes for angle in self._angles))
+
+    def reached(self, frames: Frames) -> np.ndarray:
+        """Return where it can be placed, shape (n,)."""
+        return self._reached(self._measured(frames))
+
+    def poses(self, frames: Frames) -> np.ndarray:
+        """Return its poses (n_bodies, n_pose, n), not a number where it cannot be placed."""
+        return self._poses(self._measured(frames))
+
+    def near(self, frames: Frames) -> Callable[[Frames], np.ndarray]:
+        """Return what gives its poses for frames next to these, for central differences."""
+        measured = self._measured(frames)
+        poses = self._kinematics.near(measured, self._poses(measured))
+        return lambda beside: poses(self._measured(beside))
+
+    def _measured(self, frames: Frames) -> np.ndarray:
+        return np.stack([angle.value(frames) for angle in self._angles], axis=1)
+
+    def _reached(self, measured: np.ndarray) -> np.ndarray:
+        return self._kinematics.within_reach(measured).reshape(len(measured))
+
+    def _poses(self, measured: np.ndarray) -> np.ndarray:
+        inside = self._reached(measured)
+        if inside.all():
+            return poses_where_closed(self._kinematics, measured)
+        mechanism = self._kinematics.mechanism
+        poses = np.full((len(mechanism.bodies), mechanism.space.n_pose, len(measured)), np.nan)
+        poses[..., inside] = poses_where_closed(self._kinematics, measured[inside])
+        return poses
+
+
+def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
+    """Return rigid poses (n_bodies, n_pose, n) at configurations (n, n_theta), not a number where loops cannot close.
+
+    Over more than two coordinates nobody has followed the range, and a flexible mechanism goes where the rigid one
+    cannot.
+    """
+    try:
+        return kinematics.poses(theta)
+    except InputError:
+        if len(theta) > 1:
+            return np.concatenate([poses_where_closed(kinematics, half) for half in np.array_split(theta, 2)], axis=2)
+        return np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, 1), np.nan)

@@ -1,0 +1,273 @@
+"""Effects in files of users: taken, refused, and named in result files; the one of docs/extending.md in every model."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from combinations import _build, _components, _full, meshes_for, scene_of
+from conftest import ROOT
+from handbook_blocks import blocks_of
+from mpi4py import MPI
+from test_effect_errors import BASE, IN_TURN
+
+import pgmp_petsc as pgmp
+from pgmp_petsc.declare import ideas
+from pgmp_petsc.declare.ideas import FAMILIES, WHEN_GROWN
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.plugins import IN_USE, check_plugins
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+(LISTING,) = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+OUTPUT = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.mechanism.statements import along
+from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.scene.fields import Direction, Point
+from pgmp_petsc.scene.outputs import OutputEntry
+
+class Along(OutputEntry):
+    \'\'\'Place of a point along a direction, from the ground's origin (m).\'\'\'
+
+    type: Literal["along"]
+    reads, unit = "frames", "m"
+    point: Point
+    direction: Direction
+
+    def reading(self, name, start, kinematics):
+        mechanism = kinematics.mechanism
+        sides = mechanism.attachment("ground:origin", name), mechanism.attachment(self.point, name)
+        return Reading("MEASURE", sides, along(np.array(self.direction)), space=mechanism.space)
+"""
+TABLE = '{type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0}'
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left() -> Iterator[None]:
+    """Forget the plugins of a test: other tests list what there is."""
+    before = [dict(zip(family.names, family.found())) for family in FAMILIES], dict(IN_USE)
+    yield
+    for family, classes in zip(FAMILIES, before[0]):
+        family.classes = classes
+    IN_USE.clear()
+    IN_USE.update(before[1])
+    for told in WHEN_GROWN:
+        told()
+
+
+@pytest.fixture
+def line_spring(tmp_path: Path) -> Path:
+    """The file of docs/extending.md."""
+    path = tmp_path / "line_spring.py"
+    path.write_text(LISTING)
+    return path
+
+
+MODELS: dict[str, Callable[[Scene], Trajectory]] = {
+    "full": lambda scene: simulate_full(_full(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "components": lambda scene: simulate_full(_components(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "reduced": lambda scene: simulate_reduced(
+        ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF
+    ),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
+    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most.
+
+    The output of another plugin is the place that the program's own output is.
+    """
+    (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
+    for path in (line_spring, of_output):
+        pgmp.use(path)
+    text = scene_to_toml(scene_of("beams", "nothing"))
+    along = 'outputs.along={type="along", point="rod:tip", direction=[1.0, 0.0]}'
+    entries = {
+        "plugin": 'effects.x={type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0, damping=0.5}',
+        "own": 'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.0, 1.0]], '
+        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}",
+    }
+    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, along])) for name, entry in entries.items()}
+    for name, values in found["own"].outputs.items():
+        np.testing.assert_allclose(found["plugin"].outputs[name], values, rtol=1e-12, atol=1e-14)
+    outputs = found["plugin"].outputs
+    np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
+
+
+def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
+    pgmp.use(line_spring)
+    assert '`[effects.NAME]` with `type = "line_spring"`' in reference_page()
+    with pytest.raises(InputError, match=r"^effects\.e\.stiffness = -1\.0: a positive number or the name"):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('20.0', '-1.0')}"])
+    parameter = ['parameters.k={nominal=1.0, unit="kg"}', f"effects.e={TABLE.replace('20.0', chr(34) + 'k' + chr(34))}"]
+    with pytest.raises(InputError, match=r"effects\.e\.stiffness uses it, which needs N/m"):
+        scene_from_toml(BASE, ".", parameter)
+
+
+CLASS = "class LineSpring"
+#: A change of the file (text, in its place), and what is said of it behind the file's name.
+BROKEN = {
+    "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
+    "null bytes": (("@", "\0"), r"plugin '.*', line 1: this is not Python: source code .* null bytes$"),
+    "nothing in it": (("*", "x = 1\n"), r"plugin '.*': no idea is declared in it; needed: a subclass of EffectEntry"),
+    "it fails": (("@", "import numpy\nnumpy.nothing\n"), r"plugin '.*', line 2: AttributeError: .*; repair the file$"),
+    "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
+    "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
+    "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
+    "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
+    "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
+    "not said what": (('    acts = "forces"\n', ""), r"an effect says what it is: acts = "),
+    "an entry that is not": (('"damping")', '"dampng")'), r"there is no entry dampng; its entries: "),
+    "no unit": (
+        ('Annotated[NotNegativeOrParameter, Unit("N s/m")]', "NotNegativeOrParameter"),
+        r"damping may name a parameter, and has no unit: write Annotated",
+    ),
+    "no SI unit": (('"N s/m"', '"lbf"'), r"damping is in 'lbf', which is no SI unit of a scene; units: "),
+    "no motion of the joint": (("    local", "    joint: str\n    local"), r"joints = \(\"turning\", \"sliding\"\)"),
+    "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
+    "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
+    "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
+    "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
+    "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
+}
+
+
+def changed(name: str) -> str:
+    """Return the file with one mistake."""
+    (place, text), _ = BROKEN[name]
+    if place == "*":
+        return text
+    if place == "@":
+        return text + LISTING
+    assert place in LISTING
+    return LISTING.replace("import EffectEntry", "import EffectEntry, OverTime").replace(place, text, 1)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_plugin_that_is_not_whole_is_refused_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    pgmp.load(ROOT / "scenes" / "slider_crank.toml")
+    path, known = tmp_path / "mine.py", [dict(family.classes) for family in FAMILIES]
+    path.write_bytes(changed(name).encode())
+    with pytest.raises(InputError, match=BROKEN[name][1]) as caught:
+        pgmp.use(path)
+    assert "mine.py" in str(caught.value) and caught.value.exit_status == 2
+    assert [family.classes for family in FAMILIES] == known and not IN_USE
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^plugin '.*none\.py': No such file or directory; a Python file is needed$"):
+        pgmp.use(tmp_path / "none.py")
+
+
+def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
+    pgmp.use(line_spring)
+    pgmp.use(line_spring)
+    line_spring.write_text(LISTING.replace('"line_spring"', '"other_spring"'))
+    pgmp.use(line_spring)
+    assert scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_')}"]).effects
+    with pytest.raises(InputError, match=r'^effects\.e\.type = "line_spring": unknown'):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE}"])
+
+
+def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_path: Path) -> None:
+    pgmp.use(line_spring)
+    bare, held = (scene_from_toml(BASE, ".", [f"effects.e={TABLE}"] * n) for n in (0, 1))
+    paths = [tmp_path / "bare.h5", tmp_path / "held.h5"]
+    for path, scene in zip(paths, (bare, held)):
+        with h5py.File(path, "w") as file:
+            RunRecord(scene_to_toml(scene), {}, None, 1).write(file)
+            assert list(json.loads(file.attrs.get("plugins", "{}"))) == ["line_spring.py"] * (scene is held)
+            RunRecord.read(file)
+    other = dict(IN_USE)
+    IN_USE.clear()
+    with h5py.File(paths[0]) as file:
+        RunRecord.read(file)
+    with (
+        h5py.File(paths[1]) as file,
+        pytest.raises(InputError, match=r"held\.h5' was made with the plugin line_spring\.py .* --plugin line_spring"),
+    ):
+        RunRecord.read(file)
+    IN_USE.update(other)
+    line_spring.write_text(LISTING + "\n")
+    pgmp.use(line_spring)
+    with (
+        h5py.File(paths[1]) as file,
+        pytest.raises(InputError, match=r"line_spring\.py is another one .*; give the plugin that it was made with"),
+    ):
+        RunRecord.read(file)
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_commands_take_plugins_and_end_with_one_message(
+    mpirun: Callable, line_spring: Path, tmp_path: Path, n_ranks: int
+) -> None:
+    scene, wrong = tmp_path / "base.toml", ("no Python", "nothing in it", "a name that is taken", "no maker")
+    scene.write_text(BASE)
+    for name in wrong:
+        (tmp_path / f"{name}.py").write_text(changed(name))
+    check = ["check", str(scene), "--override", "reduction.modes=2", "--override", f"effects.e={TABLE}"]
+    commands = [[*check, "--plugin", str(tmp_path / f"{name}.py")] for name in wrong]
+    commands += [check, [*check, "--plugin", str(line_spring)]]
+    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
+    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: ")]
+    for name, message in zip(wrong, messages):
+        assert re.search(BROKEN[name][1], message)
+    assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
+
+
+def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:
+    def folder() -> CheckpointFolder:
+        return CheckpointFolder(tmp_path / "out.h5", {"scene": "one"})
+
+    pgmp.use(line_spring)
+    begun = folder()
+    begun.open(False)
+    begun.put("samples-0", {"values": np.zeros(1)})
+    assert folder().open(True) == ()
+    line_spring.write_text(LISTING + "\n")
+    pgmp.use(line_spring)
+    with pytest.raises(InputError, match=r"belongs to another run: its plugins differs; repeat the command as it was"):
+        folder().open(True)
+
+
+def test_installed_packages_have_ideas_behind_entry_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = {"spring": "mine_of_test", "broken": "not_there_of_test"}
+    (tmp_path / "mine_of_test.py").write_text(LISTING)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def named(name: str) -> None:
+        found = EntryPoint(name, points[name], "pgmp.effects")
+        monkeypatch.setattr(ideas, "entry_points", lambda group: [found] if group == "pgmp.effects" else [])
+        monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
+
+    named("broken")
+    told = r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
+    with pytest.raises(InputError, match=told):
+        ideas.EFFECTS.found()
+    named("spring")
+    assert "line_spring" in ideas.EFFECTS.names
+    assert IN_USE["effects", "line_spring"].name == "mine_of_test"
+    sys.modules.pop("mine_of_test")
+    (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
+    IN_USE.clear()
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+        check_plugins(needed, "a.h5")
