@@ -36,6 +36,7 @@ COMPILING = "compiling, once for scenes of this kind"
 PACKAGE = Path(__file__).parent.parent
 _IMPORT = re.compile(rf"^from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 _problems: list[str] = []
+_called_by_address: list[Any] = []
 
 
 def njit(
@@ -59,6 +60,18 @@ def njit(
         return dispatcher
 
     return decorate
+
+
+def native_address(function: Callable, result: Any, takes: tuple) -> int:
+    """Compile a function of numba's types and return where its machine code is: compiled code may call it from there.
+
+    The function is kept alive with the process.
+    """
+    dispatcher = njit(cache=True, entry=True, counted=False, error_model="numpy")(function)
+    dispatcher.compile(result(*takes))
+    _called_by_address.append(dispatcher)
+    made = dispatcher.overloads[takes]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
 def cache_problem() -> str | None:

@@ -14,6 +14,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
+    "declare",
     "scene",
     "mesh",
     "bodies",
@@ -44,13 +45,14 @@ FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
 NEEDS = {
     "runtime": set(),
+    "declare": set(),
     "scene": set(),
     "mesh": set(),
     "results": set(),
     "bodies": {"scene", "mesh"},
     "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
-    "effects": {"scene", "bodies", "mechanism"},
+    "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
     "export": {"results"},
