@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pgmp_petsc.effects.laws import Law
+from pgmp_petsc.effects.law import Law
 
 #: It takes the place of an upper stop, whose parameters it has, with 1 for the last one, the width: it plays between
 #: place - width / 10 and place, as between two stops.

@@ -185,8 +185,8 @@ def _output(output: Output) -> str:
 
 
 def _action(action: ActionInC) -> str:
-    a, b = action.nodes
-    return f"{{{a}, {b}, {action.strength}, law_{action.law.name}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
+    who = ", ".join(map(str, (*action.nodes, action.strength, f"law_{action.law.name}")))
+    return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 
 def _weigh(constants: Constants) -> str:

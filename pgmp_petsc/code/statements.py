@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.laws import Law
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection

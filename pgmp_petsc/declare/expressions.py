@@ -1,8 +1,8 @@
 """Expressions of declarations: checked as they are declared, differentiated, and printed in Python and in C99.
 
-An expression is a line of Python's arithmetic over declared names: ``+ - * / **``, comparisons, ``and``, ``or``, ``not``,
-``a if b else c``, and the functions of `FUNCTIONS`. To check one takes Python's parser alone. sympy, whose import takes
-half a second, is imported where something is to be printed: what was printed is kept in a file (`kept`).
+An expression is a line of Python's arithmetic over declared names: ``+ - * / **``, comparisons, ``and``, ``or``,
+``not``, ``a if b else c``, and the functions of `FUNCTIONS`. To check one takes Python's parser alone. sympy, whose
+import takes half a second, is imported where something is to be printed: what was printed is kept in a file (`kept`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: s
     used = {*taken, *FUNCTIONS}
     for name in names:
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-            raise InputError(f"{place}: {entry}: '{name}' is no name; take a letter, and letters, digits or _ behind it")
+            raise InputError(f"{place}: {entry}: '{name}' is no name; take letters, digits and _, a letter first")
         if name in used:
             raise InputError(f"{place}: {entry}: the name '{name}' is taken; take another one")
         used.add(name)
@@ -54,9 +54,8 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
         File and line of the declaration.
     """
     names = list(names)
-    allowed = f"an expression is numbers, {', '.join(names)}, + - * / **, comparisons, 'a if b else c' and " + ", ".join(
-        FUNCTIONS
-    )
+    listed = ", ".join((*names, *FUNCTIONS))
+    allowed = f"an expression has numbers, {listed}, + - * / **, comparisons and 'a if b else c'"
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (AttributeError, SyntaxError, ValueError) as error:
@@ -147,8 +146,8 @@ def kept(name: str, key: str, beside: Path, text: Callable[[], str]) -> types.Mo
     """Return a module of printed code: from a file, or printed and kept in one.
 
     Files lie where numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the folder ``__pycache__`` of
-    what declares, or in the user's cache. Where none can be written, the module has no file, and numba says so. Several processes may print the
-    same one at once: each writes a file of its own and moves it into place.
+    what declares, or in the user's cache. Where none can be written, the module has no file, and numba says so. Several
+    processes may print the same one at once: each writes a file of its own and moves it into place.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_frames import Frames, Places, place_nodes
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import obey
+from pgmp_petsc.effects.law import obey
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items

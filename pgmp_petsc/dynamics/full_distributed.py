@@ -35,7 +35,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Held, Motion, driven
-from pgmp_petsc.effects.laws import rubs
+from pgmp_petsc.effects.law import rubs
 
 if TYPE_CHECKING:
     from mpi4py import MPI

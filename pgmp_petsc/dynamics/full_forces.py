@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import Laws, obey
+from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import items, keep

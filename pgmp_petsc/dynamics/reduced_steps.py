@@ -40,7 +40,7 @@ from pgmp_petsc.dynamics.edge_search import (
 from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.dynamics.status import Outcome
-from pgmp_petsc.effects.laws import rubs
+from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.laws import Law, Laws
+from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements

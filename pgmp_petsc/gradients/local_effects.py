@@ -23,7 +23,7 @@ from pgmp_petsc.dynamics.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.dynamics.action_kernel import MEASURE, RATE, allocate_local, attach, project
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.action import amplitudes_over
-from pgmp_petsc.effects.laws import differentiate, obey
+from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
@@ -170,7 +170,8 @@ class LocalDerivatives:
         n_t, n_actions = len(q), len(self._actions)
         gradients, measured = np.empty((n_t, n_actions, q.shape[1])), np.empty((n_t, n_actions, DAMPING + 1))
         slopes = np.empty((n_t, n_actions, self._changes.shape[2] + 1))
-        depths, strengths = np.empty((n_t, len(self._edges))), np.ascontiguousarray(amplitudes_over(self._actions, times))
+        depths = np.empty((n_t, len(self._edges)))
+        strengths = np.ascontiguousarray(amplitudes_over(self._actions, times))
         _measure(
             self._local, weights, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v),
             self._addresses, gradients, measured, slopes, depths,

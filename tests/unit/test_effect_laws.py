@@ -1,4 +1,4 @@
-"""Laws of local effects: against closed forms and differences, in Python, compiled and in C; and declarations that fail."""
+"""Laws of local effects: against closed forms and differences, in Python, compiled and in C; what is no declaration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from gap_spring import GAP_SPRING
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import laws
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP, Law, differentiate, obey
+from pgmp_petsc.effects.law import Law, differentiate, obey
+from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.runtime.compiled import njit
@@ -129,8 +130,9 @@ def test_derivatives_of_a_law(name: str) -> None:
 
     # the stop's stiffness of 50 times the round-off over the step
     close = {"rel": 0, "abs": 50 * ATOL}
-    assert found.stiffness == pytest.approx(-slope(lambda h: law.evaluate(parameters, s + h, rate, amplitude)[0]), **close)
-    assert found.damping == pytest.approx(-slope(lambda h: law.evaluate(parameters, s, rate + h, amplitude)[0]), **close)
+    force_of = law.evaluate
+    assert found.stiffness == pytest.approx(-slope(lambda h: force_of(parameters, s + h, rate, amplitude)[0]), **close)
+    assert found.damping == pytest.approx(-slope(lambda h: force_of(parameters, s, rate + h, amplitude)[0]), **close)
     assert found.elastic == pytest.approx(-slope(lambda h: law.evaluate(parameters, s + h).stored), **close)
     slopes, p = np.zeros(len(parameters) + 1), np.array(parameters)
     compiled_slopes(law.address_of_slopes, p, amplitude, s, rate, slopes)
