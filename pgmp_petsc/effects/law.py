@@ -136,6 +136,7 @@ class Law:
         place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
         object.__setattr__(self, "place", place)
         entry, of_s = f"law {self.name}", ("s", *self.parameters)
+        check_names(entry, (self.name,), (), place)
         check_names(entry, self.parameters, (*STATE, "elastic", "about", "depths", "found", "p"), place)
         check(f"{entry}: force", self.force, (*STATE, "elastic", *self.parameters), place)
         check(f"{entry}: potential", self.potential, of_s, place)

@@ -211,6 +211,7 @@ BAD = {
     "a name that is taken": ({"parameters": ("k", "s")}, "'s' is taken"),
     "a name twice": ({"parameters": ("k", "k")}, "'k' is taken"),
     "no name": ({"parameters": ("k", "2c")}, "'2c' is no name"),
+    "no name of a law": ({"name": "odd: law"}, "'odd: law' is no name"),
 }
 
 
