@@ -180,6 +180,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_ACTIONS": len(actions),
         "N_ACTION_NODES": len(held),
         "N_CLOSURE": len(closure),
+        "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
+        "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
         name=scene.name,
@@ -388,7 +390,7 @@ def left_out(scene: Scene) -> str:
 
 def check_model(model: ReducedModel, what: str) -> None:
     """Raise `InputError` if a model has local effects whose laws a model in C does not have."""
-    for number in model.actions.edges:
+    for number, _ in model.actions.edges:
         name = model.actions.actions[number].effect
         raise InputError(
             f"effects.{name}: an {model.scene.effects[name].type}, whose contact is searched within a step; a model in "

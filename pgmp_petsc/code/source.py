@@ -130,6 +130,7 @@ def _tables(constants: Constants) -> str:
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
         _listed("const struct statement closure[]", map(_statement, constants.closure), "{0}"),
         _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
+        *dict.fromkeys(action.law.code.C for action in constants.actions),
         _listed("const struct action actions[]", map(_action, constants.actions), "{0}"),
         _weigh(constants),
     ]
@@ -184,8 +185,8 @@ def _output(output: Output) -> str:
 
 
 def _action(action: ActionInC) -> str:
-    a, b = action.nodes
-    return f"{{{a}, {b}, {action.law}, {action.strength}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
+    who = ", ".join(map(str, (*action.nodes, action.strength, f"law_{action.law.name}")))
+    return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 
 def _weigh(constants: Constants) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection
@@ -56,7 +57,7 @@ class ActionInC:
 
     statement: StatementInC
     nodes: tuple[int, int]
-    law: int
+    law: Law
     strength: int
     winding: tuple[float, ...]
 

@@ -6,4 +6,7 @@ with `ideas`; `plugins` loads files and says with which of them a result was mad
 
 `records` has results: a field of a dataclass names its sizes, its unit and its meaning, and files and checks of shapes
 follow; `views` has their datasets of xarray and the tables of the documentation.
+
+An expression of a declaration (`expressions`) is checked as it is declared, differentiated by sympy, and printed as
+Python that numba compiles and as C99; laws (`effects.laws`) are declared so.
 """

@@ -17,14 +17,14 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_frames import Frames, Places, place_nodes
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import about_zero, depth, law
+from pgmp_petsc.effects.law import obey
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 
-POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
-ABOUT = 4  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
+POWER, STORED, FORCE = range(3)  # what is known of an action
+ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
 
 
 class Chosen(NamedTuple):
@@ -129,7 +129,8 @@ def allocate_local(local, r, n_eta):
 
 @njit(cache=True, apart=True, error_model="numpy", counted=False)
 def act(
-    local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known
+    local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known,
+    depths
 ):  # fmt: skip
     """Evaluate some actions on a block.
 
@@ -152,7 +153,7 @@ def act(
     with_tangent
         Whether `acting.tangent` is wanted.
     limiting
-        Whether laws are limited (`laws.about_zero`).
+        Whether laws are limited (`Law.about_zero`).
     work
         See `LocalWork`.
     kept
@@ -160,8 +161,10 @@ def act(
     acting
         Result, of this block.
     known
-        Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
-        (N or N m); shape (n_samples, 4, n_actions). In a fifth row, rates are kept for the next iterate.
+        Result: power of what is not elastic (W), potential energy (J) and force (N or N m); shape (n_samples, 3,
+        n_actions). In a fourth row, rates are kept for the next iterate.
+    depths
+        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     places, actions = local.places, local.actions
     n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
@@ -184,7 +187,7 @@ def act(
         )  # fmt: skip
         project(v, work)
         store(work.measured, MEASURE, s)
-        _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known)
+        _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
         force = load(work.measured, STRENGTH)
         for i in range(n):
             add(acting.balance, i, -force * load(work.projected, i))
@@ -260,24 +263,21 @@ def project(v, work):
 
 
 @njit(error_model="numpy", counted=False)
-def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known):
-    """Evaluate an action's law in some lanes, no force in others, and note what is `known`."""
-    kind = actions.laws[action]
+def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known, depths):
+    """Evaluate an action's law in some lanes, no force in others, and note what is `known`, and `depths`."""
+    address, edge = actions.laws.addresses[action], actions.laws.edges[action]
     for lane in range(LANES):
         if not lanes & (1 << lane):
             measured[STRENGTH, lane] = measured[STIFFNESS, lane] = measured[DAMPING, lane] = 0.0
             continue
         p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
         s, rate = measured[MEASURE, lane], measured[RATE, lane]
-        force, stiffness, damping, elastic, potential = law(kind, p, amplitudes[action, lane], s, rate)
-        limited = limiting and about_zero(kind, p, rate, of_sample[ABOUT, action])
-        if limited:
-            damping = p[0] / p[1]
-            force = -damping * rate
-        of_sample[ABOUT, action] = np.nan if limited else rate
-        measured[STRENGTH, lane], measured[STIFFNESS, lane], measured[DAMPING, lane] = force, stiffness, damping
-        of_sample[POWER, action], of_sample[STORED, action] = (force - elastic) * rate, potential
-        of_sample[DEPTH, action], of_sample[FORCE, action] = depth(kind, p, s), force
+        about = of_sample[ABOUT, action] if limiting else np.nan
+        found = obey(address, p, amplitudes[action, lane], s, rate, about, depths[samples[lane], edge:])
+        measured[STRENGTH, lane], measured[STIFFNESS, lane] = found.force, found.stiffness
+        measured[DAMPING, lane] = found.damping
+        of_sample[POWER, action], of_sample[STORED, action] = (found.force - found.elastic) * rate, found.stored
+        of_sample[FORCE, action], of_sample[ABOUT, action] = found.force, found.about
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

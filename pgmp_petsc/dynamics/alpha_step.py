@@ -124,7 +124,7 @@ class AlphaStep:
     with events can also put samples of a step into another one (``with_samples``). A step is told what the one before
     has left: the accelerations at its beginning, from which it extrapolates, and the contraction to expect. A system
     with a method ``count_turns`` keeps turns in its states. One with a method ``limited`` has laws that a correction
-    may take at another rate than the iterate's (`effects.laws.about_zero`): it is told where an iteration begins
+    may take at another rate than the iterate's (`effects.law`): it is told where an iteration begins
     (``begin_iteration``), and one goes on as long as its sample is among the limited ones, a mask (n_samples,).
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and

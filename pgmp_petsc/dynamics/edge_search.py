@@ -101,13 +101,13 @@ def in_search(search):
 
 
 @njit(error_model="numpy", counted=False)
-def look_at_all(search, lanes, step, known, row, edges, samples, beyond):
+def look_at_all(search, lanes, step, depths, samples, beyond):
     """Look at the ends of the trials of some lanes; see `look`.
 
     Parameters
     ----------
-    known, row
-        What is known of the actions on all samples, (n_samples, n_rows, n_actions), and the row of depths.
+    depths
+        How far each edge is crossed, of all samples, (n_samples, n_events).
     samples
         Number of the sample in each lane, (LANES,).
     beyond
@@ -121,7 +121,7 @@ def look_at_all(search, lanes, step, known, row, edges, samples, beyond):
     begun = reached = done = hopeless = 0
     for lane in range(LANES):
         if lanes & (1 << lane):
-            found = look(search, lane, step, known[samples[lane], row], edges, beyond[samples[lane]])
+            found = look(search, lane, step, depths[samples[lane]], beyond[samples[lane]])
             begun |= (found == BEGUN) << lane
             reached |= (found == REACHED) << lane
             done |= (found == DONE) << lane
@@ -140,7 +140,7 @@ def give_up(search, lanes, samples, beyond):
 
 
 @njit(error_model="numpy", counted=False)
-def look(search, lane, step, depths, edges, beyond):
+def look(search, lane, step, depths, beyond):
     """Look at the end of a lane's trial, and choose the next one.
 
     Parameters
@@ -148,9 +148,7 @@ def look(search, lane, step, depths, edges, beyond):
     step
         Length of the whole step, s.
     depths
-        Those of all actions there, shape (n_actions,).
-    edges
-        Numbers of the actions whose law has an edge, (n_events,).
+        How far each edge is crossed there, shape (n_events,).
     beyond
         Whether each was crossed when the search began or since, (n_events,); brought up to date.
 
@@ -165,7 +163,7 @@ def look(search, lane, step, depths, edges, beyond):
     if stage == WHOLE or stage == REST:
         crossed = False
         for event in range(beyond.size):
-            search.depths[event, lane] = depths[edges[event]]
+            search.depths[event, lane] = depths[event]
             crossed |= (search.depths[event, lane] > 0.0) != beyond[event]
         if not crossed or (stage == REST and search.n_found[lane] >= MAX_EVENTS):
             begin_step(search, lane, step)
@@ -188,7 +186,7 @@ def look(search, lane, step, depths, edges, beyond):
         return REACHED
     edge = search.edge[lane]
     sign = -1.0 if beyond[edge] else 1.0
-    depth = sign * depths[edges[edge]]
+    depth = sign * depths[edge]
     if stage == EARLIEST:
         if not depth < 0.0:
             _note(search, lane, 0.0)

@@ -87,7 +87,7 @@ class FullBatch:
         self.n_constraints = equations.constraints.n_constraints
         most = BEFORE_EDGES if equations.edges else STEPS_AT_ONCE
         self.steps_at_once = max(1, min(most, LARGEST // (self.n_dofs * n_samples)))
-        self._edges, self._reference = equations.edges, Reference(equations.problem)
+        self._reference = Reference(equations.problem)
         self._sources = equations.sources(effects, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, self._sources.motions)
@@ -254,8 +254,8 @@ class FullBatch:
 
     @property
     def n_events(self) -> int:
-        """Number of actions whose law has an edge."""
-        return len(self._edges)
+        """Number of edges of laws."""
+        return len(self._equations.edges)
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
@@ -264,7 +264,7 @@ class FullBatch:
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(amplitudes) :]
             now = act(actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
-            found.append(now.depths[self._edges])
+            found.append(now.depths.T)
         return self._blocks.unpack(np.array(found))
 
     def outside(self, state: State) -> np.ndarray:

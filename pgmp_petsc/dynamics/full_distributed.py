@@ -35,7 +35,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Held, Motion, driven
-from pgmp_petsc.effects.laws import rubs
+from pgmp_petsc.effects.law import rubs
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -215,7 +215,7 @@ class FullDistributed:
 
     @property
     def n_events(self) -> int:
-        """Number of actions whose law has an edge."""
+        """Number of edges of laws."""
         return self.comm.allreduce(len(self._counted_edges()))
 
     def depths(self, time: float, state: State) -> np.ndarray:
@@ -225,7 +225,7 @@ class FullDistributed:
         if self._equations.actions:
             amplitudes = self._sources.at(np.array([time])).actions[0]
             turns = state.turns[state.turns.size - amplitudes.size :, None]
-            own = act(Reference(self._problem.actions), 0, amplitudes, q, v, turns, 0.0, False).depths[:, 0]
+            own = act(Reference(self._problem.actions), 0, amplitudes, q, v, turns, 0.0, False).depths[0]
         return np.concatenate(self.comm.allgather(own[self._counted_edges()]))[:, None]
 
     def outside(self, state: State) -> np.ndarray:
@@ -315,9 +315,9 @@ class FullDistributed:
         moved = float(np.max(np.abs(step) * units, initial=0.0)) if np.all(np.isfinite(step)) else np.inf
         return max(self.comm.allgather(moved))
 
-    def _counted_edges(self) -> list[int]:
-        counted = self._problem.actions.counted
-        return [number for number in self._equations.edges if counted[number]]
+    def _counted_edges(self) -> np.ndarray:
+        """Return the numbers of the edges of the actions that are counted here."""
+        return np.flatnonzero(self._problem.actions.counted[self._equations.edges])
 
     def _find_typical_stiffness(self) -> float:
         """Return the mean size on the diagonal of the stiffness at rest. Collective on `comm`."""

@@ -95,7 +95,7 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
     n_lanes, n_bodies = q.shape[2], problem.section.shape[1]
     n_modal, n_loads = problem.modal.kinds.size, conservative.size
     n_angles = problem.angles.dofs.shape[0]
-    n_actions, n_motions = problem.actions.laws.size, strengths.speeds.shape[1]
+    n_actions, n_motions = problem.actions.counted.size, strengths.speeds.shape[1]
     modal = OF_EFFECTS + n_bodies
     loads = modal + n_modal
     actions = loads + n_loads

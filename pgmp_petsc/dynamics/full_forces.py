@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import about_zero, depth, law
+from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import items, keep
@@ -45,7 +45,7 @@ def evaluate_actions(
         Whether the tangents are wanted, whose second derivatives cost more than all the rest.
     about
         Of an iteration, the rates at which laws were evaluated last, shape (n_actions, n_samples): NaN before the
-        first, and where one is limited (`laws.about_zero`); brought up to date. None, (0, n_samples), where laws are
+        first, and where one is limited (`Law.about_zero`); brought up to date. None, (0, n_samples), where laws are
         to be taken as they are.
     forces, tangents
         Results: force on the unknowns, shape (n_actions, 2 m, n_samples), and minus its derivative, the mean of each
@@ -53,12 +53,12 @@ def evaluate_actions(
     powers, stored
         Results: power of what is not elastic (W) and potential energy of what is (J), shape (n_actions, n_samples).
     depths
-        Result: how deep a stop is entered (negative: how far it is), NaN for other laws, shape (n_actions, n_samples).
+        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
     """
     starts, rows, columns = entries
     statements, m = actions.statements, y.shape[1] // 2
     scratch, own, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
-    for k in range(actions.laws.size):
+    for k in range(actions.laws.addresses.size):
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
             own[:] = y[k, :, sample]
@@ -67,23 +67,20 @@ def evaluate_actions(
             rate = 0.0
             for i in range(2 * m):
                 rate += g[i] * rates[k, i, sample]
-            force, stiffness, damping, elastic, potential = law(actions.laws[k], p, amplitudes[k], s, rate)
+            before = about[k, sample] if with_tangents and about.shape[0] else np.nan
+            crossed = depths[sample, actions.laws.edges[k] :]
+            found = obey(actions.laws.addresses[k], p, amplitudes[k], s, rate, before, crossed)
             if about.shape[0]:
-                limited = with_tangents and about_zero(actions.laws[k], p, rate, about[k, sample])
-                if limited:
-                    damping = p[0] / p[1]
-                    force = -damping * rate
-                about[k, sample] = np.nan if limited else rate
-            powers[k, sample] = (force - elastic) * rate
-            stored[k, sample] = potential
-            depths[k, sample] = depth(actions.laws[k], p, s)
+                about[k, sample] = found.about
+            powers[k, sample] = (found.force - found.elastic) * rate
+            stored[k, sample] = found.stored
             for i in range(2 * m):
-                forces[k, i, sample] = force * g[i]
+                forces[k, i, sample] = found.force * g[i]
             for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
                 i, j = rows[entry], columns[entry]
                 # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
-                bent = 0.5 * force * (h[i, j] + h[j, i])
-                tangents[entry, sample] = (stiffness + gain_v * damping) * g[i] * g[j] - bent
+                bent = 0.5 * found.force * (h[i, j] + h[j, i])
+                tangents[entry, sample] = (found.stiffness + gain_v * found.damping) * g[i] * g[j] - bent
 
 
 class Loads(NamedTuple):
@@ -103,7 +100,7 @@ class BlockActions(NamedTuple):
     statements, laws
         As in `Actions`.
     parameters
-        Of the laws, shape (n_blocks, n_actions, n_lanes, N_PARAMETERS).
+        Of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters).
     dofs
         Unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m).
     entries
@@ -117,7 +114,7 @@ class BlockActions(NamedTuple):
     """
 
     statements: NodeStatements
-    laws: np.ndarray
+    laws: Laws
     parameters: np.ndarray
     dofs: np.ndarray
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -155,7 +152,9 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     n, m = actions.dofs.shape
     n_lanes = q.shape[1]
     y, rates, forces = np.zeros((n, m, n_lanes)), np.zeros((n, m, n_lanes)), np.empty((n, m, n_lanes))
-    powers, stored, depths = np.empty((n, n_lanes)), np.empty((n, n_lanes)), np.empty((n, n_lanes))
+    powers, stored = np.empty((n, n_lanes)), np.empty((n, n_lanes))
+    laws = loaded(actions.laws)
+    depths = np.empty((n_lanes, laws.edges[n]))
     tangents = np.empty((actions.positions.size, n_lanes))
     for k in range(n):
         for i in range(m):
@@ -165,7 +164,7 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iteratin
     known = turns if turns.shape[0] else np.zeros((n, n_lanes))
     about = actions.about[block][: n if iterating else 0]
     evaluate_actions(
-        Actions(loaded(actions.statements), actions.laws, actions.parameters[block]), actions.entries, amplitudes, y,
+        Actions(loaded(actions.statements), laws, actions.parameters[block]), actions.entries, amplitudes, y,
         rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers, stored, depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)

@@ -272,7 +272,7 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
         problem.floating, width, problem.dimension, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
         fresh, x, place, diagonal, lower,
     )  # fmt: skip
-    if problem.actions.laws.size:
+    if problem.actions.counted.size:
         of_actions = turns[problem.angles.dofs.shape[0] :]
         add_actions(
             problem.actions, width, block, amplitudes[1], share, q, v, of_actions, gains, fresh, x, place, diagonal,

@@ -217,8 +217,8 @@ class FullEquations:
 
     @property
     def edges(self) -> list[int]:
-        """Numbers of the actions whose law has an edge."""
-        return [k for k, action in enumerate(self.actions) if action.has_events]
+        """Numbers of the actions of all edges of laws."""
+        return [k for k, action in enumerate(self.actions) for _ in action.law.edges]
 
     def frames(self, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes as outputs take them, in space with the coordinates behind.

@@ -12,7 +12,7 @@ import numpy as np
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
 from pgmp_petsc.dynamics.full_forces import doubt_limited, forget_rates
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
-from pgmp_petsc.effects.laws import rubs
+from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 

@@ -115,14 +115,15 @@ class ReducedActions:
         return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
 
     @property
-    def edges(self) -> list[int]:
-        """Numbers of the actions whose law has an edge."""
-        return [k for k, action in enumerate(self.actions) if action.has_events]
+    def edges(self) -> list[tuple[int, int]]:
+        """Edges of laws: number of the action, and of the edge among those of its law."""
+        return [(k, number) for k, action in enumerate(self.actions) for number in range(len(action.law.edges))]
 
     def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
         compiled = compile_actions(self.actions, values, n_samples, self.dimension)
-        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(self.edges))
+        with_edges = [k for k, action in enumerate(self.actions) if action.law.edges]
+        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(with_edges))
 
     def _chosen(self, numbers: Sequence[int]) -> Chosen:
         """Return some actions with their nodes."""

@@ -211,7 +211,7 @@ class Memory(NamedTuple):
         `KeptPlaces` of the local effects, each array with an axis of blocks in front.
     acting
         What local effects add; see `action_kernel.Acting`.
-    known
+    known, depths
         See `action_kernel.act`.
     """
 
@@ -224,6 +224,7 @@ class Memory(NamedTuple):
     places: KeptPlaces
     acting: Acting
     known: np.ndarray
+    depths: np.ndarray
 
 
 class Strengths(NamedTuple):

@@ -232,7 +232,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
     with_tangent
         Whether tangents are wanted.
     known
-        Result: as of `act`, shape (n_t, n_samples, 4, n_actions).
+        Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
     """
     work, n_actions = allocate(equations.layout), amplitudes.shape[1]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
@@ -249,7 +249,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
             act(
                 equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
                 spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local, places_of(memory, block),
-                acting_of(memory, block), memory.known,
+                acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             for lane in range(LANES):
                 if active[block] & (1 << lane):

@@ -69,9 +69,9 @@ class ReducedLanes:
             prescribed,
             terms.scale,
         )
-        self.memory = self._allocate(len(effects), len(actions.actions))
+        self.memory = self._allocate(len(effects), len(actions.actions), len(actions.edges))
 
-    def _allocate(self, n_effects: int, n_actions: int) -> Memory:
+    def _allocate(self, n_effects: int, n_actions: int, n_edges: int) -> Memory:
         """Return what is kept of every block, empty."""
         layout, n_blocks = self.equations.layout, self._blocks.n_blocks
         r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
@@ -94,6 +94,7 @@ class ReducedLanes:
             ),
             Acting.empty(n_acting, layout.n_eta),
             np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
+            np.empty((self._blocks.n_samples, n_edges)),
         )
 
     def nothing_acting(self) -> Acting:

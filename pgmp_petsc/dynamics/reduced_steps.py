@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local, forget_rates, limited_lanes
+from pgmp_petsc.dynamics.action_kernel import act, allocate_local, forget_rates, limited_lanes
 from pgmp_petsc.dynamics.alpha_step import (
     CAUTION,
     FIRST_CONTRACTION,
@@ -40,7 +40,7 @@ from pgmp_petsc.dynamics.edge_search import (
 from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.dynamics.status import Outcome
-from pgmp_petsc.effects.laws import rubs
+from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes
@@ -219,7 +219,7 @@ class Progress(NamedTuple):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, edges, lanes, progress):
+def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, lanes, progress):
     """Take some samples through several equal steps, each until it is done or something happens to it.
 
     A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on.
@@ -239,8 +239,6 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
         which something happens stays at the beginning of that step.
     bounds
         Range of each coordinate in which the tables hold, (n_theta, 2).
-    edges
-        Numbers of the actions whose law has an edge.
     lanes
         Sets of those to advance, shape (n_blocks,).
     progress
@@ -249,7 +247,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
     n = equations.layout.n_eta
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), n)
-    clocks = allocate_clocks(n, strengths, edges.size)
+    clocks = allocate_clocks(n, strengths, memory.depths.shape[1])
     of_block = allocate_state(n)
     for block in range(lanes.size):
         if lanes[block] == 0:
@@ -257,8 +255,8 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
         for part, vectors in zip(state, of_block):
             gather(part, memory.samples[block], vectors)
         _advance_block(
-            equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes[block], of_block,
-            clocks, work, local, progress,
+            equations, memory, block, strengths, functions, scheme, steps, bounds, lanes[block], of_block, clocks,
+            work, local, progress,
         )  # fmt: skip
         for part, vectors in zip(state, of_block):
             scatter(vectors, memory.samples[block], lanes[block], part)
@@ -266,8 +264,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def _advance_block(
-    equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes, state, clocks, work, local,
-    progress,
+    equations, memory, block, strengths, functions, scheme, steps, bounds, lanes, state, clocks, work, local, progress,
 ):  # fmt: skip
     """Take some lanes of a block through the steps; `state` are its vectors."""
     going, outcome, n_steps = lanes, progress.outcome[block], progress.n_steps[block]
@@ -288,15 +285,13 @@ def _advance_block(
             store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
         going &= ~_note(lost & ~searching, LOST, outcome)
         done, onward, hopeless = going & ~lost, 0, lost & searching
-        if edges.size > 0 and done != 0:
+        if memory.depths.shape[1] > 0 and done != 0:
             act(
                 equations.local, equations.local.with_edges, equations.grid, clocks.strengths.actions, work.q,
                 work.rate, samples, done, spread(0.0), np.bool_(False), np.bool_(False), local,
-                places_of(memory, block), acting_of(memory, block), memory.known,
+                places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
-            begun, onward, done, failed = look_at_all(
-                search, done, steps[2], memory.known, DEPTH, edges, samples, progress.beyond
-            )
+            begun, onward, done, failed = look_at_all(search, done, steps[2], memory.depths, samples, progress.beyond)
             hopeless |= failed
             _keep(state, begun, clocks.kept)
             _stand(state, begun, n)
@@ -433,7 +428,7 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
                 memory.samples[block], active, gain_v, fresh, fresh, local, places_of(memory, block),
-                acting_of(memory, block), memory.known,
+                acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
             # nothing follows from the size of the last correction
             limited = limited_lanes(memory.known, memory.samples[block], active)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import ABOUT, DEPTH, FORCE, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import ABOUT, FORCE, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
@@ -79,11 +79,10 @@ class ReducedSystem:
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
-        self._edges = np.array(self._actions.edges, dtype=np.int64)
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
-        searched = (self._load_effects, self._actions.actions, motions) if self._edges.size else ((), (), {})
+        searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
     @property
@@ -205,13 +204,13 @@ class ReducedSystem:
 
     @property
     def n_events(self) -> int:
-        """Number of actions whose law has an edge."""
-        return self._edges.size
+        """Number of edges of laws."""
+        return self._memory.depths.shape[1]
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
-        return self._memory.known[:, DEPTH, self._edges].T
+        return self._memory.depths.T.copy()
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
@@ -221,7 +220,7 @@ class ReducedSystem:
         """Return energies and powers at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta): of all samples at
         one time after the other, each of shape (n_t * n_samples,)."""
         n, residual = times.size * self.n_samples, self._residuals(times, trail)
-        known = self._known(times, trail).reshape(n, 4, len(self._actions.actions))
+        known = self._known(times, trail).reshape(n, 3, len(self._actions.actions))
         values = {name: np.tile(value, times.size) for name, value in self._values.items()}
         *parts, residual = (part.reshape(n, -1) for part in (*np.moveaxis(trail, 1, 0), residual))
         return self._energies(values, np.repeat(times, self.n_samples), State(*parts, np.zeros(0)), residual, known)
@@ -333,7 +332,7 @@ class ReducedSystem:
         coefficients = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         advance(
             self._equations, self._memory, self._strengths.over(ends), self._functions, coefficients,
-            (first, ends, step), (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples),
+            (first, ends, step), (*_parts(state), *others), self._bounds, self._lanes.sets(samples),
             progress,
         )  # fmt: skip
         beyond[:] = progress.beyond.T
@@ -387,10 +386,10 @@ class ReducedSystem:
         with_tangent: bool = False,
     ) -> np.ndarray:  # fmt: skip
         """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
-        n_samples, 4, n_actions), as of `act`."""
+        n_samples, 3, n_actions), as of `act`."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         actions = self._actions.actions
-        found, amplitudes = np.zeros((times.size, self.n_samples, 4, len(actions))), amplitudes_over(actions, times)
+        found, amplitudes = np.zeros((times.size, self.n_samples, 3, len(actions))), amplitudes_over(actions, times)
         if found.size:
             act_on(
                 self._equations, self._memory, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,

@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.laws import N_PARAMETERS, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.law import Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.runtime.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +37,35 @@ class Action:
     a, b
         The attachments whose frames are measured.
     law
-        Kind of law, see `laws`.
+        The law.
     parameters
         Of the law, in its order.
     amplitude
         Of a source over time, s; None for other laws.
     coordinate
         Number of the coordinate that an angle is, -1 where it is none.
+
+    Raises
+    ------
+    InputError
+        If the law has other parameters.
     """
 
     effect: str
     statement: Statement
     a: Attachment
     b: Attachment
-    law: int
+    law: Law
     parameters: tuple[Quantity, ...]
     amplitude: TimeFunction | None = None
     coordinate: int = -1
+
+    def __post_init__(self) -> None:
+        if len(self.parameters) != len(self.law.parameters):
+            raise InputError(
+                f"effects.{self.effect}: law {self.law.name} ({self.law.place}) has the parameters "
+                f"{', '.join(self.law.parameters)}, and is given {len(self.parameters)}; give one for each"
+            )
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
@@ -60,14 +73,11 @@ class Action:
         return self.a, self.b
 
     @property
-    def has_events(self) -> bool:
-        """Whether the law has an edge whose crossing is to be found in time."""
-        return self.law == STOP
-
-    @property
-    def is_spring(self) -> bool:
-        """Whether the law is linear and has a stiffness, whatever its damping."""
-        return self.law == SPRING_DAMPER and self.parameters[0].coefficient != 0.0
+    def stiffness(self) -> Quantity | None:
+        """That of a law that is linear, whatever its damping; None where there is none."""
+        name = self.law.linear_stiffness
+        found = self.parameters[self.law.parameters.index(name)] if name else None
+        return found if found is not None and found.coefficient != 0.0 else None
 
 
 class Actions(NamedTuple):
@@ -78,13 +88,13 @@ class Actions(NamedTuple):
     statements
         What they measure.
     laws
-        Kinds of laws, shape (n_actions,).
+        The laws.
     parameters
-        Of the laws, shape (n_actions, n_samples, N_PARAMETERS).
+        Of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most.
     """
 
     statements: NodeStatements
-    laws: np.ndarray
+    laws: Laws
     parameters: np.ndarray
 
 
@@ -92,13 +102,14 @@ def compile_actions(
     actions: Sequence[Action], values: Mapping[str, np.ndarray], n_samples: int, dimension: int
 ) -> Actions:
     """Evaluate the parameters of actions in 2 or 3 dimensions for samples with values of shape (n_samples,)."""
-    parameters = np.zeros((len(actions), n_samples, N_PARAMETERS))
+    most = max((len(action.parameters) for action in actions), default=0)
+    parameters = np.zeros((len(actions), n_samples, most))
     for action, table in zip(actions, parameters):
         for k, quantity in enumerate(action.parameters):
             table[:, k] = quantity.coefficient * np.asarray(quantity.monomial.evaluate(values))
     return Actions(
         NodeStatements.of([action.statement for action in actions], [action.sides for action in actions], dimension),
-        np.array([action.law for action in actions], dtype=np.int64),
+        Laws.of([action.law for action in actions]),
         parameters,
     )
 

@@ -100,7 +100,7 @@ class ActionEffect(Effect):
 
     def elastic_patterns(self) -> list[int]:
         """Return the numbers of the patterns that are forces of linear springs."""
-        return [number for number, action in enumerate(self._fixed()) if action.is_spring]
+        return [number for number, action in enumerate(self._fixed()) if action.stiffness]
 
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""

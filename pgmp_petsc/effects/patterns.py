@@ -41,7 +41,7 @@ class Patterns:
         if reduction.static_modes:
             return self
         if reduction.spring_modes:
-            springs = tuple(action for action in self.turning if action.is_spring)
+            springs = tuple(action for action in self.turning if action.stiffness)
             return Patterns(self.fixed[:, self.elastic], springs, np.arange(self.elastic.size))
         return Patterns(self.fixed[:, :0])
 

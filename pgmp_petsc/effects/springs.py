@@ -33,7 +33,7 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.laws import SPRING_DAMPER
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
@@ -60,13 +60,6 @@ from pgmp_petsc.scene.numerics import Reduction
 TURNS = {2: 1, 3: 3}
 WHERE = {2: "in the plane", 3: "in space"}
 
-#: Why an action is not in the stiffness, by its law; springs without stiffness are dampers.
-LEFT_OUT = {
-    SPRING_DAMPER: "it is a damper, and modes are those of undamped vibrations",
-    FRICTION: "it is friction, not linear and without stiffness",
-    STOP: "it is one-sided, not linear",
-}
-
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -86,16 +79,16 @@ class Block:
 
 def linear_springs(actions: Sequence[Action]) -> tuple[Action, ...]:
     """Return the actions that are linear springs, with or without damping, between bodies or to the ground."""
-    return tuple(action for action in actions if action.is_spring and moving_dofs(action).size)
+    return tuple(action for action in actions if action.stiffness and moving_dofs(action).size)
 
 
 def left_out(actions: Sequence[Action]) -> dict[str, str]:
     """Return why actions are not in the stiffness, by the name of their effect; sources are loads, and not named."""
-    springs = {action.effect for action in actions if action.is_spring}
+    springs = {action.effect for action in actions if action.stiffness}
     return {
-        action.effect: LEFT_OUT[action.law]
+        action.effect: action.law.left_out
         for action in actions
-        if action.law != SOURCE and action.effect not in springs
+        if action.law.left_out and action.effect not in springs
     }
 
 
@@ -135,7 +128,6 @@ def spring_force(
         One configuration, shapes (n_bodies, n_pose) and (n_theta,), rad. Angles that are no coordinates are in (-pi,
         pi] in space, and as the bodies are turned in the plane.
     """
-    stiffness, rest = spring.parameters[0].at(values), spring.parameters[2].at(values)
     frames = [side.frame_of_pose(poses) for side in spring.sides]
     if spring.coordinate >= 0:
         measure = theta[spring.coordinate]
@@ -143,7 +135,7 @@ def spring_force(
         measure = mechanism.space.angle(spring.statement, *frames)
     else:
         measure = spring.statement.value(*map(mechanism.space.natural, frames))
-    return -float(stiffness * (measure - rest))
+    return float(spring.law.evaluate([quantity.at(values) for quantity in spring.parameters], measure).elastic)
 
 
 def spring_block(
@@ -166,7 +158,7 @@ def spring_block(
     turn = block_diag(*(space.natural_gradient(poses[side.body], side.arm) for _, side in sides))
     in_frames = spring.statement.gradient(*frames)
     gradient = in_frames[chosen] @ turn
-    matrix = spring.parameters[0].at(values) * np.outer(gradient, gradient)
+    matrix = spring.stiffness.at(values) * np.outer(gradient, gradient)
     if force:
         bent = turn.T @ spring.statement.hessian(*frames)[np.ix_(chosen, chosen)] @ turn
         halves = np.split(in_frames, 2)

@@ -23,7 +23,7 @@ from pgmp_petsc.dynamics.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.dynamics.action_kernel import MEASURE, RATE, allocate_local, attach, project
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.action import amplitudes_over
-from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, depth, law
+from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.compiled import njit
@@ -32,7 +32,7 @@ from pgmp_petsc.runtime.vectors import LANES, add, load, same_in_all_lanes, spre
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
 ALONG_LENGTH = 1e-3  # of half the range of a length: truncation leaves 1e-12 of it, rounding 1e-13
-S, SPEED, FORCE, STIFFNESS, DAMPING, DEPTH = range(6)  # what is measured of an action
+S, SPEED, FORCE, STIFFNESS, DAMPING = range(5)  # what is measured of an action
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,8 @@ class LocalDerivatives:
         }
         quantities = [[quantity for quantity in action.parameters] for action in self._actions]
         self._edges = model.actions.edges
-        # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, N_PARAMETERS)
+        self._addresses = np.array([action.law.address_of_slopes for action in self._actions], dtype=np.int64)
+        # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, of one law)
         self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
         for row, name in zip(self._changes, names):
             for own, table in zip(quantities, row):
@@ -109,7 +110,7 @@ class LocalDerivatives:
         """
         if not self._actions:
             return
-        gradient, measured = self._measured(times, states.q, states.v, self._weights)
+        gradient, measured, slopes, _ = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
         residual -= _summed(force, gradient)
         across = np.swapaxes(gradient, 1, 2)
@@ -121,86 +122,66 @@ class LocalDerivatives:
         )  # fmt: skip
         for number, beside in self._beside.items():
             for factor, weights in beside:
-                at, found = self._measured(times, states.q, states.v, weights)
+                at, found, *_ = self._measured(times, states.q, states.v, weights)
                 pushed = stiffness * found[:, :, S] + damping * found[:, :, SPEED]
                 by_parameters[:, number] += factor * (_summed(pushed, gradient) - _summed(force, at))
-        strengths = amplitudes_over(self._actions, times)
         for number, (action, own) in enumerate(zip(self._actions, self._changes.transpose(1, 0, 2))):
+            n = len(action.parameters)
             if own.any():
-                p = self._local.actions.parameters[number, 0]
-                slopes = parameter_slopes(action.law, p, strengths[:, number], *measured[:, number].T)
-                by_parameters[:, : len(own)] -= np.einsum("pk,kt,ti->tpi", own, slopes, gradient[:, number])
+                found = slopes[:, number, :n]
+                by_parameters[:, : len(own)] -= np.einsum("pk,tk,ti->tpi", own[:, :n], found, gradient[:, number])
             if action.amplitude is not None and by_parameters.shape[1] > len(own):
-                rate = action.amplitude.with_rates(times)[1] * self._local.actions.parameters[number, 0, 0]
+                rate = action.amplitude.with_rates(times)[1] * slopes[:, number, n]
                 by_parameters[:, -1] -= rate[:, None] * gradient[:, number]
 
     def depths(self, times: np.ndarray, states: State) -> np.ndarray:
         """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
         if not self._edges:
             return np.zeros((len(times), 0))
-        return self._measured(times, states.q, states.v, self._weights)[1][:, self._edges, DEPTH]
+        return self._measured(times, states.q, states.v, self._weights)[3]
 
     def edge(self, event: int, time: float, state: State) -> Edge:
         """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
-        action, times = self._edges[event], np.array([time])
-        gradient, measured = self._measured(times, state.q, state.v, self._weights)
+        (number, of_law), times = self._edges[event], np.array([time])
+        action = self._actions[number]
+        gradient, measured, *_ = self._measured(times, state.q, state.v, self._weights)
         # along the motion, over a time that moves no coordinate further than the differences above
         turn = DIFFERENCE / max(np.abs(state.v * self._terms.scale).max(), 1.0)
-        turned = (self._measured(times, state.q + turn * state.v, state.v, self._weights)[0] - gradient)[
-            0, action
-        ] / turn
-        side = self._local.actions.parameters[action, 0, 3]
-        by_parameters = -side * self._changes[:, action, 2]
-        for number, beside in self._beside.items():
+        ahead = self._measured(times, state.q + turn * state.v, state.v, self._weights)[0]
+        gradient, turned = gradient[0, number], (ahead - gradient)[0, number] / turn
+        s, speed = measured[0, number, [S, SPEED]]
+        slope, bend, own = action.law.edge_slopes(of_law, self._local.actions.parameters[number, 0], s)
+        by_parameters = self._changes[:, number, : own.size] @ own
+        for length, beside in self._beside.items():
             for factor, weights in beside:
-                by_parameters[number] += factor * self._measured(times, state.q, state.v, weights)[1][0, action, DEPTH]
-        return Edge(
-            self._actions[action].effect,
-            side * gradient[0, action],
-            by_parameters,
-            side * measured[0, action, SPEED],
-            side * float(gradient[0, action] @ state.a[0] + turned @ state.v[0]),
-        )
+                by_parameters[length] += factor * self._measured(times, state.q, state.v, weights)[3][0, event]
+        rate = float(gradient @ state.a[0] + turned @ state.v[0])
+        return Edge(action.effect, slope * gradient, by_parameters, slope * speed, slope * rate + bend * speed**2)
 
     def _measured(
         self, times: np.ndarray, q: np.ndarray, v: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradients of the measures (n_t, n_actions, n_eta), and what is measured (n_t, n_actions, 6).
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return gradients of the measures (n_t, n_actions, n_eta), what is measured (n_t, n_actions, 5), derivatives
+        of forces with parameters and, behind them, the amplitude, (n_t, n_actions, n_parameters + 1), and depths (n_t,
+        n_edges).
 
         Weights are those of the terms of the places, vectors (n_terms, LANES).
         """
         n_t, n_actions = len(q), len(self._actions)
-        gradients, measured = np.empty((n_t, n_actions, q.shape[1])), np.empty((n_t, n_actions, DEPTH + 1))
+        gradients, measured = np.empty((n_t, n_actions, q.shape[1])), np.empty((n_t, n_actions, DAMPING + 1))
+        slopes = np.empty((n_t, n_actions, self._changes.shape[2] + 1))
+        depths = np.empty((n_t, len(self._edges)))
         strengths = np.ascontiguousarray(amplitudes_over(self._actions, times))
         _measure(
             self._local, weights, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v),
-            gradients, measured,
+            self._addresses, gradients, measured, slopes, depths,
         )  # fmt: skip
-        return gradients, measured
+        return gradients, measured, slopes, depths
 
 
 def _summed(forces: np.ndarray, gradients: np.ndarray) -> np.ndarray:
     """Return the sum over actions of forces (n_t, n_actions) times gradients, shape (n_t, n_eta)."""
     return np.matmul(forces[:, None], gradients)[:, 0]
-
-
-def parameter_slopes(
-    kind: int, p: np.ndarray, amplitude: np.ndarray, s: np.ndarray, rate: np.ndarray, force: np.ndarray,
-    stiffness: np.ndarray, *_: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Return the derivatives of a law's force with its own parameters (`effects.laws`), shape (N_PARAMETERS, n_t)."""
-    nothing = np.zeros_like(s)
-    if kind == SOURCE:
-        return np.array([amplitude, nothing, nothing, nothing])
-    if kind == SPRING_DAMPER:
-        return np.array([p[2] - s, -rate, np.full_like(s, p[0]), nothing])
-    if kind == FRICTION:
-        bent = np.tanh(rate / p[1])
-        return np.array([-bent, p[0] * (1.0 - bent * bent) * rate / p[1] ** 2, nothing, nothing])
-    # a stop: its force is proportional to the stiffness, and a place further on is as if s were behind
-    acts = force != 0.0
-    by_damping = np.where(acts, -p[0] * np.maximum(p[3] * (s - p[2]), 0.0) * rate, 0.0)
-    return np.array([force / p[0], by_damping, stiffness, nothing])
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -241,10 +222,11 @@ def _project(local, action, n_angles, of_q, of_v, work):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def _measure(local, weights, grid, strengths, q, v, gradients, measured):
+def _measure(local, weights, grid, strengths, q, v, addresses, gradients, measured, slopes, depths):
     """Measure all actions in states (n_t, n_eta), LANES of them at once.
 
-    Weights are those of the terms of the places, vectors (n_terms, LANES); strengths are (n_t, n_actions).
+    Weights are those of the terms of the places, vectors (n_terms, LANES); strengths are (n_t, n_actions); addresses
+    are those of the derivatives of laws.
     """
     places, actions = local.places, local.actions
     n_t, n = q.shape
@@ -260,11 +242,12 @@ def _measure(local, weights, grid, strengths, q, v, gradients, measured):
             for lane in range(min(LANES, n_t - first)):
                 t, p = first + lane, actions.parameters[action, 0]
                 place, rate = work.measured[MEASURE, lane], work.measured[RATE, lane]
-                force, stiffness, damping, _, _ = law(actions.laws[action], p, strengths[t, action], place, rate)
+                strength, crossed = strengths[t, action], depths[t, actions.laws.edges[action] :]
+                now = obey(actions.laws.addresses[action], p, strength, place, rate, np.nan, crossed)
                 found = measured[t, action]
-                found[S], found[SPEED], found[FORCE] = place, rate, force
-                found[STIFFNESS], found[DAMPING] = stiffness, damping
-                found[DEPTH] = depth(actions.laws[action], p, place)
+                found[S], found[SPEED], found[FORCE] = place, rate, now.force
+                found[STIFFNESS], found[DAMPING] = now.stiffness, now.damping
+                differentiate(addresses[action], p, strength, place, rate, slopes[t, action])
                 for i in range(n):
                     gradients[t, action, i] = work.projected[i, lane]
 

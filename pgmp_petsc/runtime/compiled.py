@@ -40,6 +40,7 @@ _IMPORT = re.compile(rf"^from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)", re.
 _problems: list[str] = []
 #: Functions that others call by their names in compiled code: module, function and types of the arguments.
 _apart: dict[str, tuple[str, str, tuple]] = {}
+_called_by_address: list[Any] = []
 
 
 def njit(
@@ -100,6 +101,18 @@ def _come_before(library: Any) -> list[Callable[[], None]]:
 def _load_apart(module: str, function: str, arguments: tuple) -> None:
     """Load a function that others call by its name, or compile it."""
     getattr(import_module(module), function).compile(arguments)
+
+
+def native_address(function: Callable, result: Any, takes: tuple) -> int:
+    """Compile a function of numba's types and return where its machine code is: compiled code may call it from there.
+
+    The function is kept alive with the process.
+    """
+    dispatcher = njit(cache=True, entry=True, counted=False, error_model="numpy")(function)
+    dispatcher.compile(result(*takes))
+    _called_by_address.append(dispatcher)
+    made = dispatcher.overloads[takes]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
 def cache_problem() -> str | None:

@@ -18,7 +18,6 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import check_slender
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
-from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -206,10 +205,10 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
     loaded, poses = {load.effect for load in loads}, kinematics.poses(theta)[..., 0]
     acting = {effect.name for effect in effects if effect.name in loaded and np.any(effect.amplitude(np.zeros(1)))}
     for action in actions_of(effects):
-        if action.law == SOURCE:
+        if action.amplitude is not None:
             acts = np.any(action.amplitude(np.zeros(1)))
         else:
-            acts = action.is_spring and spring_force(action, mechanism, poses, theta, scene.values) != 0.0
+            acts = action.stiffness and spring_force(action, mechanism, poses, theta, scene.values) != 0.0
         acting |= {action.effect} if acts else set()
     if not acting:
         return []

@@ -70,7 +70,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
 
 def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
     """Say what the mode is without."""
-    springs = dict.fromkeys(action.effect for action in model.actions.actions if action.is_spring)
+    springs = dict.fromkeys(action.effect for action in model.actions.actions if action.stiffness)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
     return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))
 

@@ -30,10 +30,9 @@ def through(
     search, now = allocate_search.py_func(len(depths)), np.array(beyond)
     edge_search.begin_step(search, LANE, STEP)
     begin, reached, tried = 0.0, [] if reached is None else reached, []
-    edges = 1 + np.arange(len(depths))  # one action in front has no edge
     while True:
         end = begin + search.duration[LANE]
-        found = look.py_func(search, LANE, STEP, np.array([np.nan, *(depth(end) for depth in depths)]), edges, now)
+        found = look.py_func(search, LANE, STEP, np.array([depth(end) for depth in depths]), now)
         tried.append((found, end))
         if found == REACHED:
             begin = end
@@ -109,8 +108,7 @@ def test_a_step_with_too_many_edges_ends_as_it_is() -> None:
 def test_a_search_that_does_not_end_is_given_up() -> None:
     search, beyond = allocate_search.py_func(1), np.array([False])
     edge_search.begin_step(search, LANE, STEP)
-    edges = np.array([0])
-    assert look.py_func(search, LANE, STEP, np.array([1.0]), edges, beyond) == BEGUN
-    assert look.py_func(search, LANE, STEP, np.array([-1.0]), edges, beyond) == TRIED
+    assert look.py_func(search, LANE, STEP, np.array([1.0]), beyond) == BEGUN
+    assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == TRIED
     search.n_trials[LANE] = MAX_TRIALS
-    assert look.py_func(search, LANE, STEP, np.array([-1.0]), edges, beyond) == HOPELESS
+    assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == HOPELESS

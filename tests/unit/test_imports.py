@@ -53,7 +53,7 @@ NEEDS = {
     "bodies": {"scene", "mesh"},
     "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
-    "effects": {"scene", "bodies", "mechanism"},
+    "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
     "export": {"declare", "results"},

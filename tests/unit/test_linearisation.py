@@ -9,9 +9,7 @@ from two_coordinates import double_pendulum
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.effects.laws import FRICTION, N_PARAMETERS, SOURCE, SPRING_DAMPER, STOP, law
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
-from pgmp_petsc.gradients.local_effects import parameter_slopes
 from pgmp_petsc.models import ReducedModel
 from scenes import slider_crank
 
@@ -178,27 +176,3 @@ def test_monomials_are_differentiated() -> None:
     assert monomial.derivative("r", values) == 2.0 * 4.0 * 27.0
     assert monomial.derivative("other", values) == 0.0
     assert Monomial((("r", -1),)).derivative("r", values) == pytest.approx(-1.0 / 9.0, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("kind", "p"),
-    [
-        (SOURCE, (0.7, 0.0, 0.0, 0.0)),
-        (SPRING_DAMPER, (30.0, 2.0, 0.4, 0.0)),
-        (FRICTION, (0.3, 0.5, 0.0, 0.0)),
-        (STOP, (400.0, 0.05, 0.6, 1.0)),
-        (STOP, (400.0, 0.05, 2.0, 1.0)),
-    ],
-)
-def test_laws_are_differentiated_with_their_parameters(kind: int, p: tuple[float, ...]) -> None:
-    s, rate, amplitude = np.array([0.9, 1.1]), np.array([0.2, -0.3]), np.array([1.5, 2.0])
-    forces = np.array([law(kind, np.array(p), amplitude[k], s[k], rate[k]) for k in range(2)])
-    found = parameter_slopes(kind, np.array(p), amplitude, s, rate, forces[:, 0], forces[:, 1])
-    for k in range(N_PARAMETERS if kind != STOP else 3):
-
-        def force(h: float) -> np.ndarray:
-            moved = np.array(p)
-            moved[k] += h
-            return np.array([law(kind, moved, amplitude[i], s[i], rate[i])[0] for i in range(2)])
-
-        np.testing.assert_allclose(found[k], slopes(force, 1e-3), rtol=1e-8, atol=1e-9)

@@ -67,12 +67,12 @@ def test_only_what_is_there_is_built() -> None:
         batch = model.batch({}, 1)
         problem = batch._equations.problem  # noqa: SLF001
         assert problem.elements.damped == any_damping
-        assert problem.actions.laws.size == 0 and problem.actions.positions.size == 0
+        assert problem.actions.counted.size == 0 and problem.actions.positions.size == 0
         assert problem.loads.dofs.size == 0 and problem.lumps.dofs.size == 0
         with model.distributed({}, MPI.COMM_SELF) as single:
             shared = single._problem  # noqa: SLF001
         assert shared.elements.damped == any_damping and shared.modal.kinds.size == 0
-        assert shared.actions.laws.size == shared.loads.dofs.size == shared.solids.region.size == 0
+        assert shared.actions.counted.size == shared.loads.dofs.size == shared.solids.region.size == 0
 
 
 def test_the_cost_of_effects_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

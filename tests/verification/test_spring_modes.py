@@ -76,7 +76,7 @@ def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarra
     """Return the springs' stiffness (n_dofs, n_dofs) at poses (n_bodies, n_pose), from differences of measures."""
     mechanism = kinematics.mechanism
     stiffness = np.zeros((mechanism.n_dofs, mechanism.n_dofs))
-    for action in (a for a in actions_of(effects_of(scene, mechanism)) if a.is_spring):
+    for action in (a for a in actions_of(effects_of(scene, mechanism)) if a.stiffness):
         dofs, measure = measure_of(action, mechanism, poses)
         slopes = slopes_of(measure, dofs.size)
         stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slopes, slopes)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER, about_zero, law
+from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 
@@ -254,26 +254,23 @@ def test_one_correction_is_not_enough_where_friction_changes(step: float) -> Non
 
 
 def test_a_law_is_taken_up_from_zero_where_an_iterate_crosses_it_from_afar() -> None:
-    p = np.array([2.0, 0.5, 0.0, 0.0])
-    assert about_zero(FRICTION, p, -3.0, 0.6) and about_zero(FRICTION, p, 0.1, -0.6)
-    assert not about_zero(FRICTION, p, -3.0, 0.4), "within the speed of the law Newton's iteration contracts"
-    assert not about_zero(FRICTION, p, 3.0, 0.6) and not about_zero(FRICTION, p, -3.0, np.nan)
-    assert not about_zero(SPRING_DAMPER, p, -3.0, 0.6)
+    def taken_up(rate: float, about: float) -> bool:
+        return np.isnan(FRICTION.evaluate((2.0, 0.5), 0.0, rate, about=about).about)
+
+    assert taken_up(-3.0, 0.6) and taken_up(0.1, -0.6)
+    assert not taken_up(-3.0, 0.4), "within the speed of the law Newton's iteration contracts"
+    assert not taken_up(3.0, 0.6) and not taken_up(-3.0, np.nan)
+    assert SPRING_DAMPER.evaluate((2.0, 0.5, 0.0), 0.0, -3.0, about=0.6).about == -3.0
 
 
 def test_iterations_from_any_rate_find_the_balance() -> None:
     """``A v + L tanh(v / s) = b`` from either branch, for inertias over nine decades and forces about the limit."""
-    p = np.array([1.0, 1.0, 0.0, 0.0])
     for inertia in 10.0 ** np.arange(-8.0, 2.0):
         for force in (-3.0, -1.0 - 1e-3, -0.9, 0.0, 1e-3, 0.5, 1.0, 1.1, 40.0):
             for start in (-1e6, -50.0, -1.0, 0.0, 3.0, 1e4):
                 v, about = start, np.nan
                 for _ in range(40):
-                    friction, _, slope, _, _ = law(FRICTION, p, 0.0, 0.0, v)
-                    if about_zero(FRICTION, p, v, about):
-                        friction, slope, about = -v, 1.0, np.nan
-                    else:
-                        about = v
+                    friction, _, slope, _, _, about = FRICTION.evaluate((1.0, 1.0), 0.0, v, about=about)
                     v -= (inertia * v - friction - force) / (inertia + slope)
                 left = inertia * v + np.tanh(v) - force
                 assert abs(left) < 1e-9 * max(1.0, abs(force)), (inertia, force, start, v)

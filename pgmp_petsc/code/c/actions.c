@@ -154,28 +154,6 @@ static void attach_pair(const struct action *action, const struct moving nodes[]
     }
 }
 
-/* Force, and its stiffness and damping. About is, in an iteration, the rate at which the law was evaluated last, NAN
-   before that. Where friction was beyond its speed there and has crossed zero, it is taken up from zero if `fresh`, and
-   about becomes NAN: from one branch an iterate goes far beyond the other, from zero on never too far. */
-static double obey(const struct action *action, const double p[N_LAW], const double strengths[], double s, double rate,
-                   int fresh, double *about, double *stiffness, double *damping) {
-    int limited = about && fresh && action->law == FRICTION && fabs(*about) > p[1] && *about * rate < 0.0;
-    if (about) *about = limited ? NAN : rate;
-    *stiffness = *damping = 0.0;
-    if (action->law == SOURCE) return strengths[action->strength] * p[0];
-    if (action->law == SPRING_DAMPER) {
-        *stiffness = p[0], *damping = p[1];
-        return -p[0] * (s - p[2]) - p[1] * rate;
-    }
-    if (limited) {
-        *damping = p[0] / p[1];
-        return -*damping * rate;
-    }
-    double bent = tanh(rate / p[1]);
-    *damping = p[0] * (1.0 - bent * bent) / p[1];
-    return -p[0] * bent; /* FRICTION */
-}
-
 static void add_tangent(double stiffness, double force, const double projected[N], double hessian[][2 * N_FRAME],
                         double jacobian[2 * N_FRAME][N], double tangent[N][N]) {
     for (int i = 0; i < N; i++)
@@ -216,7 +194,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct action *action = actions + number;
         double z[2 * N_FRAME], jacobian[2 * N_FRAME][N], gradient[2 * N_FRAME], hessian[2 * N_FRAME][2 * N_FRAME];
-        double turned = rigid[0][N_FRAME * N_ACTION_NODES + number], rate = 0.0, projected[N], stiffness, damping;
+        double turned = rigid[0][N_FRAME * N_ACTION_NODES + number], rate = 0.0, projected[N], found[LAW_END];
         for (int k = 0; k < R; k++) turned += action->winding[k] * q[k];
         attach_pair(action, nodes, z, jacobian);
         double s = evaluate_statement(&action->statement, z, turned, gradient, fresh ? hessian : 0);
@@ -225,10 +203,12 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
             for (int c = 0; c < 2 * N_FRAME; c++) projected[i] += gradient[c] * jacobian[c][i];
             rate += projected[i] * v[i];
         }
-        double force = obey(action, m->laws[number], strengths, s, rate, fresh, about ? about + number : 0, &stiffness,
-                            &damping);
-        for (int i = 0; i < N; i++) r[i] -= force * projected[i];
-        if (fresh) add_tangent(stiffness + gain_v * damping, force, projected, hessian, jacobian, tangent);
+        action->law(m->laws[number], action->strength < 0 ? 0.0 : strengths[action->strength], s, rate,
+                    about && fresh ? about[number] : NAN, found);
+        if (about) about[number] = found[LAW_ABOUT];
+        for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
+        if (fresh)
+            add_tangent(found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING], found[LAW_FORCE], projected, hessian, jacobian, tangent);
     }
     if (fresh) add_to_matrix(tangent, matrix);
 }

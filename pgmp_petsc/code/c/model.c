@@ -163,8 +163,7 @@ int pgmp_step(struct pgmp_model *m) {
     int done = 0;
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
     /* corrected twice, to see how it contracts; with friction always, which contracts otherwise in each step */
-    int probed = (m->number + 1) % PROBED_EVERY == 0;
-    for (int k = 0; k < N_ACTIONS; k++) probed |= actions[k].law == FRICTION;
+    int probed = RUBS || (m->number + 1) % PROBED_EVERY == 0;
     if (probed) m->contraction = FIRST_CONTRACTION;
     for (int attempt = 0; attempt < N_ATTEMPTS && !done; attempt++) {
         predict(m, attempt, q, v, a);

@@ -22,7 +22,6 @@
 #define N_FRAME (D * (D + 1))
 #define N_DOFS (D * (D + 1) / 2)
 #define N_POSE (D == 2 ? 3 : 12)
-#define N_LAW 4
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
 
 enum {

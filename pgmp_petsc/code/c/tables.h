@@ -16,12 +16,15 @@ struct piece { double begin, origin, cubic[4], wave[3]; };
 struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
 struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
-/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, law and number of its strength. */
-struct action { int a, b, law, strength; double winding[R]; struct statement statement; };
+/* A law of a measure s. About is, in an iteration, the rate at which the law was evaluated last, NAN before that. One
+   whose iterates jump between two branches is taken up from zero there, and the next about is NAN. */
+enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
+typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
+/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, number of its strength and law. */
+struct action { int a, b, strength; law_function *law; double winding[R]; struct statement statement; };
 struct output { int kind, axis, in_body; double origin; struct statement statement; };
 
 enum { MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING };
-enum { SOURCE, SPRING_DAMPER, FRICTION };
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
 extern const struct axis axes[R], rigid_axes[R], fine_axes[R], branch_axes[R];

@@ -1,0 +1,203 @@
+"""Expressions of declarations: checked as they are declared, differentiated, and printed in Python and in C99.
+
+An expression is a line of Python's arithmetic over declared names: ``+ - * / **``, comparisons, ``and``, ``or``,
+``not``, ``a if b else c``, and the functions of `FUNCTIONS`. To check one takes Python's parser alone. sympy, whose
+import takes half a second, is imported where something is to be printed: what was printed is kept in a file (`kept`).
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import keyword
+import os
+import sys
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pgmp_petsc.runtime.errors import InputError
+
+FUNCTIONS = {"abs": 1, "atan": 1, "cos": 1, "exp": 1, "log": 1, "max": 2, "min": 2, "sin": 1, "sqrt": 1, "tanh": 1}
+_ARITHMETIC = (
+    ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Name, ast.Load, ast.Add, ast.Sub, ast.Mult, ast.Div,
+    ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
+)  # fmt: skip
+HIGHEST_POWER = 4  # that is printed as a product
+
+
+def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: str) -> None:
+    """Raise `InputError` if declared names are no names, come twice or are `taken`; `place` is a file and a line."""
+    used = {*taken, *FUNCTIONS}
+    for name in names:
+        if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+            raise InputError(f"{place}: {entry}: '{name}' is no name; take letters, digits and _, a letter first")
+        if name in used:
+            raise InputError(f"{place}: {entry}: the name '{name}' is taken; take another one")
+        used.add(name)
+
+
+def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
+    """Raise `InputError` if a text is no expression over some names.
+
+    Parameters
+    ----------
+    entry
+        What the expression is, for the message.
+    text
+        The expression.
+    names
+        What it may name.
+    place
+        File and line of the declaration.
+    """
+    names = list(names)
+    listed = ", ".join((*names, *FUNCTIONS))
+    allowed = f"an expression has numbers, {listed}, + - * / **, comparisons and 'a if b else c'"
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (AttributeError, SyntaxError, ValueError) as error:
+        why = error.msg if isinstance(error, SyntaxError) else "write it as a text"
+        raise InputError(f"{place}: {entry}: {text!r} is no expression ({why}); {allowed}") from None
+    called = {node.func: node for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    for node in ast.walk(tree):
+        found = ast.unparse(node) or type(node).__name__
+        if isinstance(node, ast.Call):
+            fine = isinstance(node.func, ast.Name) and FUNCTIONS.get(node.func.id) == len(node.args)
+            fine = fine and not node.keywords
+        elif isinstance(node, ast.Constant):
+            fine = type(node.value) in (int, float)
+        elif isinstance(node, ast.Name) and node not in called:
+            if node.id not in names:
+                raise InputError(f"{place}: {entry}: '{text}' names '{node.id}', which is not declared; {allowed}")
+            fine = True
+        else:
+            fine = isinstance(node, _ARITHMETIC)
+        if not fine:
+            raise InputError(f"{place}: {entry}: '{text}' has '{found}'; {allowed}")
+
+
+def symbolic(text: str, names: Mapping[str, Any]) -> Any:
+    """Return an expression that was checked in sympy's form, with what its names stand for."""
+    import sympy as sp
+
+    operations = {
+        ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
+        ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: a**b, ast.USub: lambda a: -a, ast.UAdd: lambda a: a,
+        ast.Not: sp.Not, ast.And: sp.And, ast.Or: sp.Or, ast.Lt: sp.Lt, ast.LtE: sp.Le, ast.Gt: sp.Gt, ast.GtE: sp.Ge,
+    }  # fmt: skip
+    # cases in place of functions with corners, whose derivatives sympy would write with Heaviside's
+    cornered = {
+        "abs": lambda a: sp.Piecewise((-a, a < 0), (a, True)),
+        "max": lambda a, b: sp.Piecewise((a, a > b), (b, True)),
+        "min": lambda a, b: sp.Piecewise((a, a < b), (b, True)),
+    }
+
+    def read(node: ast.expr) -> Any:
+        match node:
+            case ast.Name(id=name):
+                return names[name]
+            case ast.Constant(value=value):
+                return sp.sympify(value)
+            case ast.BinOp(left=left, op=op, right=right):
+                return operations[type(op)](read(left), read(right))
+            case ast.UnaryOp(op=op, operand=operand):
+                return operations[type(op)](read(operand))
+            case ast.BoolOp(op=op, values=values):
+                return operations[type(op)](*map(read, values))
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                ends = [read(one) for one in (left, *others)]
+                return sp.And(*(operations[type(op)](a, b) for op, a, b in zip(ops, ends, ends[1:])))
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return sp.Piecewise((read(body), read(test)), (read(orelse), True))
+            case ast.Call(func=ast.Name(id=name), args=args):
+                return (cornered.get(name) or getattr(sp, name))(*map(read, args))
+        raise TypeError(ast.dump(node))  # `check` lets nothing else through
+
+    return read(ast.parse(text.strip(), mode="eval").body)
+
+
+def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], list[str]]:
+    """Return the statements that make what expressions share, and the expressions, in Python or in C."""
+    import sympy as sp
+    from sympy.codegen.rewriting import create_expand_pow_optimization
+    from sympy.logic.boolalg import Boolean
+
+    products = create_expand_pow_optimization(HIGHEST_POWER, base_req=lambda base: True)
+    shared, left = sp.cse([sp.sympify(one) for one in expressions])
+
+    def text(one: Any) -> str:
+        one = products(one)
+        return " ".join(sp.ccode(one).split()) if in_c else sp.pycode(one, fully_qualified_modules=False)
+
+    def is_condition(one: Any) -> bool:
+        return isinstance(one, Boolean)
+
+    if in_c:
+        lines = [f"const {'int' if is_condition(one) else 'double'} {name} = {text(one)};" for name, one in shared]
+        return lines, [text(one) for one in left]
+    lines = [f"{name} = {text(one)}" for name, one in shared]
+    return lines, [text(one) if is_condition(one) else f"float({text(one)})" for one in left]
+
+
+def kept(name: str, key: str, beside: Path, text: Callable[[], str]) -> types.ModuleType:
+    """Return a module of printed code: from a file, or printed and kept in one.
+
+    Files lie where numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the folder ``__pycache__`` of
+    what declares, or in the user's cache. Where none can be written, the module has no file, and numba says so. Several
+    processes may print the same one at once: each writes a file of its own and moves it into place.
+
+    Parameters
+    ----------
+    name
+        Of what is printed.
+    key
+        All that the text depends on.
+    beside
+        The file that declares it.
+    text
+        Prints it.
+    """
+    stem = f"pgmp_printed_{name}_{hashlib.sha256(key.encode()).hexdigest()[:16]}"
+    if stem in sys.modules:
+        return sys.modules[stem]
+    folders = [beside.parent / "__pycache__", Path.home() / ".cache" / "pgmp_petsc"]
+    if "NUMBA_CACHE_DIR" in os.environ:
+        folders = [Path(os.environ["NUMBA_CACHE_DIR"])]
+    for folder in folders:
+        found = _loaded(stem, folder / f"{stem}.py")
+        if found is not None:
+            return found
+    new = text()
+    for folder in folders:
+        path = folder / f"{stem}.py"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            own = path.with_name(f".{stem}.{os.getpid()}")
+            own.write_text(new, encoding="utf-8")
+            os.replace(own, path)
+        except OSError:
+            continue
+        found = _loaded(stem, path)
+        if found is not None:
+            return found
+    found = sys.modules[stem] = types.ModuleType(stem)
+    exec(compile(new, f"<{stem}>", "exec"), found.__dict__)
+    return found
+
+
+def _loaded(stem: str, path: Path) -> types.ModuleType | None:
+    """Return the module of a file; None where there is none, or it is damaged."""
+    if not path.is_file():
+        return None
+    spec = importlib.util.spec_from_file_location(stem, path)
+    found = sys.modules[stem] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(found)
+        assert found.COMPLETE
+    except Exception:  # whatever a damaged file raises: it is printed again
+        del sys.modules[stem]
+        return None
+    return found

@@ -1,0 +1,357 @@
+"""A force law ``F(t, s, s')`` on a scalar measure s of the motion: declared once, known to all languages.
+
+A `Law` is declared (`laws`) by expressions (`declare.expressions`) of s, its rate and the law's parameters: the
+potential V of its elastic part, and its force, in which ``elastic`` is ``-dV/ds`` and ``amplitude`` a function of time.
+Their derivatives, code for the kernels and in C, and whether the law is linear follow. Kernels know a law by the
+address of its compiled function, so that they are the same for all laws, and a new one does not compile them again.
+
+Where a law has an edge, an expression that changes its sign, steps end there. The force has to be continuous there.
+
+On a light node Newton's iteration jumps between both branches of friction: from either of them, where the force hardly
+changes, it goes far beyond the other. The forces of a step, ``b``, and the inertia in it, ``A v``, meet friction where
+``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed zero
+from beyond the speed of the law, `about_zero`, is therefore taken up from zero, as circuit simulators limit the voltage
+at a junction (Nagel 1975, SPICE2, section 5.2), and what follows is monotonic.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+
+from pgmp_petsc.declare.expressions import check, check_names, kept, printed, symbolic
+from pgmp_petsc.runtime.compiled import native_address, njit, source_mark
+from pgmp_petsc.runtime.errors import InputError
+
+STATE = ("s", "rate", "amplitude")
+_NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
+_EVALUATE = _NUMBERS, *(_NUMBER,) * 4, _NUMBERS
+_SLOPES = _NUMBERS, *(_NUMBER,) * 3, _NUMBERS
+TRIED = (-1.0, 0.0, 1.0)  # measures and rates at which a law has to be finite
+PYTHON = '''"""The law {name}, printed from its declaration."""
+
+from math import atan, cos, exp, log, sin, sqrt, tanh
+
+STIFFNESS = {stiffness}
+
+
+def evaluate(p, amplitude, s, rate, about, depths):
+{parameters}
+{limited}
+{evaluate}
+
+
+def slopes(p, amplitude, s, rate, found):
+{parameters}
+{slopes}
+
+
+def edges(p, s):
+{parameters}
+{edges}
+
+
+C = """{c}"""
+
+COMPLETE = True
+'''
+
+
+class Found(NamedTuple):
+    """A law in a state.
+
+    Attributes
+    ----------
+    force, stiffness, damping
+        F, ``-dF/ds`` and ``-dF/ds'``.
+    elastic, stored
+        Of its elastic part the force ``-dV/ds`` and the potential energy V, J.
+    about
+        Rate about which it is linearised, NaN where that was zero instead of the iterate's own.
+    """
+
+    force: float
+    stiffness: float
+    damping: float
+    elastic: float
+    stored: float
+    about: float
+
+
+_FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A force law on a measure s.
+
+    Attributes
+    ----------
+    name
+        Of the law.
+    parameters
+        Names of its parameters.
+    force
+        Expression of s, rate, amplitude, elastic and the parameters.
+    potential
+        Of the elastic part, expression of s and the parameters.
+    edges
+        Expressions of s and the parameters that are positive beyond an edge.
+    about_zero
+        Expression of the parameters: the rate from beyond which an iterate that crosses zero is taken up from there;
+        empty for laws whose iterates are not.
+    left_out
+        Why a force of this law is not in the stiffness of vibrations; empty where none is looked for.
+    place
+        File and line of the declaration.
+
+    Raises
+    ------
+    InputError
+        If an expression is none, or names what is not declared.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    force: str
+    potential: str = "0"
+    edges: tuple[str, ...] = ()
+    about_zero: str = ""
+    left_out: str = ""
+    place: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        caller = sys._getframe(2)
+        place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        object.__setattr__(self, "place", place)
+        entry, of_s = f"law {self.name}", ("s", *self.parameters)
+        check_names(entry, (self.name,), (), place)
+        check_names(entry, self.parameters, (*STATE, "elastic", "about", "depths", "found", "p"), place)
+        check(f"{entry}: force", self.force, (*STATE, "elastic", *self.parameters), place)
+        check(f"{entry}: potential", self.potential, of_s, place)
+        for number, edge in enumerate(self.edges):
+            check(f"{entry}: edges[{number}]", edge, of_s, place)
+        if self.about_zero:
+            check(f"{entry}: about_zero", self.about_zero, self.parameters, place)
+
+    @functools.cached_property
+    def code(self) -> ModuleType:
+        """The module that is printed from the declaration.
+
+        Raises
+        ------
+        InputError
+            If the force is not finite.
+        """
+        *declaration, place = astuple(self)
+        key, file = repr((source_mark(__name__), declaration)), Path(place.rpartition(":")[0])
+        found = kept(self.name, key, file, self._printed)
+        self._check_finite(found)
+        return found
+
+    @property
+    def linear_stiffness(self) -> str:
+        """Name of the parameter that is the stiffness of a law that is linear, empty for others."""
+        return self.code.STIFFNESS
+
+    @functools.cached_property
+    def address(self) -> int:
+        """Where its compiled function is."""
+        return native_address(self.code.evaluate, types.UniTuple(_NUMBER, len(Found._fields)), _EVALUATE)
+
+    @functools.cached_property
+    def address_of_slopes(self) -> int:
+        """Where the compiled function is that gives the derivatives of the force with parameters and amplitude."""
+        return native_address(self.code.slopes, _NUMBER, _SLOPES)
+
+    def evaluate(
+        self, p: Sequence[float], s: float, rate: float = 0.0, amplitude: float = 0.0, about: float = math.nan
+    ) -> Found:
+        """Evaluate the law in Python; `about` is the rate of the iterate before in the same step, NaN for the first."""
+        return Found(*self.code.evaluate(p, amplitude, s, rate, about, [0.0] * len(self.edges)))
+
+    def depths(self, p: Sequence[float], s: float) -> list[float]:
+        """Return how far each edge is crossed, negative where it is not."""
+        found = [0.0] * len(self.edges)
+        self.code.evaluate(p, 0.0, s, 0.0, math.nan, found)
+        return found
+
+    def edge_slopes(self, number: int, p: Sequence[float], s: float) -> tuple[float, float, np.ndarray]:
+        """Return the derivatives of how far an edge is crossed: first and second with s, and with the parameters."""
+        first, second, *others = self.code.edges(p, s)[number]
+        return first, second, np.array(others)
+
+    def _check_finite(self, code: ModuleType) -> None:
+        for s, rate in itertools.product(TRIED, TRIED):
+            p, slopes = [1.0] * len(self.parameters), [0.0] * (len(self.parameters) + 1)
+            try:
+                found = [*code.evaluate(p, 1.0, s, rate, math.nan, [0.0] * len(self.edges))[:-1]]
+                code.slopes(p, 1.0, s, rate, slopes)
+            except (ArithmeticError, ValueError):
+                found = [math.nan]
+            if not np.isfinite([*found, *slopes]).all():
+                raise InputError(
+                    f"{self.place}: law {self.name}: force or a derivative of it is not finite at s = {s:g}, "
+                    f"rate = {rate:g} with all parameters 1; a law has to be finite at rest and in motion: write cases "
+                    "('a if b else c') around such places"
+                )
+
+    def _printed(self) -> str:
+        import sympy as sp
+
+        names = {name: sp.Symbol(name, real=True) for name in (*STATE, *self.parameters)}
+        s, rate, amplitude, *p = names.values()
+        potential = symbolic(self.potential, names)
+        elastic = -sp.diff(potential, s)
+        force = symbolic(self.force, {**names, "elastic": elastic})
+        edges = [symbolic(edge, names) for edge in self.edges]
+        found = [force, -sp.diff(force, s), -sp.diff(force, rate), elastic, potential]
+        at_zero = [one.subs(rate, 0) for one in found]
+        at_zero[0] -= at_zero[2] * rate
+        about, speed = sp.Symbol("about", real=True), symbolic(self.about_zero or "0", names)
+        slopes = [sp.diff(force, one) for one in (*p, amplitude)]
+        of_edges = [[sp.diff(edge, s), sp.diff(edge, s, 2), *(sp.diff(edge, one) for one in p)] for edge in edges]
+        constant = all(sp.diff(one, two) == 0 for one in found[1:3] for two in (s, rate, amplitude))
+        stiffness = str(found[1]) if constant and found[1] in p else ""
+        limit = sp.And(sp.Or(about > speed, about < -speed), about * rate < 0)
+
+        def python(expressions: Sequence[Any], end: str, indent: int = 4) -> str:
+            lines, values = printed(expressions)
+            return "\n".join(" " * indent + line for line in [*lines, *end(values)])
+
+        def numbered(name: str, values: Sequence[str]) -> list[str]:
+            return [f"{name}[{k}] = {value}" for k, value in enumerate(values)]
+
+        def evaluated(values: Sequence[str]) -> list[str]:
+            first = len(found)
+            return [*numbered("depths", values[first:]), f"return {', '.join(values[:first])}, float(rate)"]
+
+        limited = ""
+        if self.about_zero:
+            limited = f"    if {printed([limit])[1][0]}:\n" + python(
+                at_zero, lambda values: [f"return {', '.join(values)}, float('nan')"], 8
+            )
+        return PYTHON.format(
+            name=self.name,
+            stiffness=repr(stiffness),
+            parameters="\n".join(f"    {name} = p[{k}]" for k, name in enumerate(self.parameters)),
+            limited=limited,
+            evaluate=python([*found, *edges], evaluated),
+            slopes=python(slopes, lambda values: [*numbered("found", values), "return 0.0"]),
+            edges=python(sum(of_edges, []), lambda values: [f"return {_rows(values, len(p) + 2)}"]),
+            c=self._in_c(found[:3], at_zero[:3], limit),
+        )
+
+    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], limit: Any) -> str:
+        """Return the function that gives force, stiffness, damping and about in C."""
+        takes = "const double p[], double amplitude, double s, double rate, double about, double found[]"
+        lines = [f"static void law_{self.name}({takes}) {{"]
+        lines.append("    (void)p, (void)amplitude, (void)s, (void)about;")
+        lines += [f"    const double {name} = p[{k}];" for k, name in enumerate(self.parameters)]
+        lines += [f"    (void){name};" for name in self.parameters]
+
+        def block(expressions: Sequence[Any], about: str, indent: str) -> list[str]:
+            parts, values = printed(expressions, in_c=True)
+            parts += [f"found[{k}] = {value};" for k, value in enumerate((*values, about))]
+            return [f"{indent}{part}" for part in parts]
+
+        if self.about_zero:
+            lines += [f"    if ({printed([limit], in_c=True)[1][0]}) {{", *block(at_zero, "NAN", " " * 8)]
+            lines += ["        return;", "    }"]
+        return "\n".join([*lines, *block(found, "rate", "    "), "}"])
+
+
+def _rows(values: Sequence[str], n: int) -> str:
+    """Return the text of a tuple of tuples of n values."""
+    rows = [f"({', '.join(values[k : k + n])}), " for k in range(0, len(values), n)]
+    return f"({''.join(rows)})"
+
+
+class Laws(NamedTuple):
+    """The laws of some actions, as compiled functions take them.
+
+    Attributes
+    ----------
+    addresses
+        Of their functions, shape (n_actions,).
+    taken_up
+        Whether an iterate may be taken up from zero, (n_actions,).
+    edges
+        Number of the first edge of each among those of all, (n_actions + 1,).
+    """
+
+    addresses: np.ndarray
+    taken_up: np.ndarray
+    edges: np.ndarray
+
+    @classmethod
+    def of(cls, laws: Sequence[Law]) -> Laws:
+        """Make them of laws."""
+        return cls(
+            np.array([law.address for law in laws], dtype=np.int64),
+            np.array([bool(law.about_zero) for law in laws], dtype=bool),
+            np.cumsum([0, *(len(law.edges) for law in laws)]),
+        )
+
+
+@intrinsic
+def obey(typing, address, p, amplitude, s, rate, about, depths):
+    """Evaluate the law whose function is at an address; return what is `Found`.
+
+    Parameters
+    ----------
+    p
+        Its parameters.
+    amplitude
+        Of a source, now.
+    s, rate
+        Measure and its rate.
+    about
+        Rate about which the iterate before was linearised in the same step; NaN for the first one, and outside of
+        iterations.
+    depths
+        Result: how far each edge is crossed, negative where it is not.
+    """
+    return _FOUND(types.int64, p, *(_NUMBER,) * 4, depths), _calling(_FOUND, _EVALUATE)
+
+
+@intrinsic
+def differentiate(typing, address, p, amplitude, s, rate, found):
+    """Fill the derivatives of a law's force with its parameters and, behind them, with the amplitude."""
+    return _NUMBER(types.int64, p, *(_NUMBER,) * 3, found), _calling(_NUMBER, _SLOPES)
+
+
+def _calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
+    """Return what builds the call of a function by its address, with arrays handed over by where they begin."""
+
+    def build(context, builder, sig, args):
+        convention = context.call_conv
+        kind = convention.get_function_type(result, takes).as_pointer()
+        parts = [
+            context.make_array(of)(context, builder, part).data if isinstance(of, types.Array) else part
+            for of, part in zip(sig.args, args)
+        ]
+        return convention.call_function(builder, builder.inttoptr(parts[0], kind), result, takes, parts[1:])[1]
+
+    return build
+
+
+@njit(error_model="numpy")
+def rubs(laws):
+    """Return whether iterates of any law are taken up from zero: how a step's iteration contracts says nothing of the
+    next one."""
+    for one in laws.taken_up:
+        if one:
+            return True
+    return False
