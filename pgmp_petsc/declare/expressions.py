@@ -16,7 +16,7 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from pgmp_petsc.runtime.errors import InputError
 
@@ -26,6 +26,33 @@ _ARITHMETIC = (
     ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
 HIGHEST_POWER = 4  # that is printed as a product
+
+
+class Printed:
+    """What is declared by expressions and printed: it has a `name`, a `place` (file and line) and its `code`.
+
+    What a plugin declares is printed when the plugin is loaded, so that one which cannot be is refused there.
+    """
+
+    #: File of every declaration so far, by kind and name.
+    declared: ClassVar[dict[tuple[type, str], set[str]]] = {}
+    name: str
+    place: str
+    code: types.ModuleType
+
+    def enter(self) -> None:
+        """Say that this is declared."""
+        self.declared.setdefault((type(self), self.name), set()).add(self.file)
+
+    @property
+    def file(self) -> str:
+        """The file that declares it."""
+        return self.place.rpartition(":")[0]
+
+    @property
+    def others(self) -> set[str]:
+        """The other files that declare one of its kind and name."""
+        return self.declared[type(self), self.name] - {self.file}
 
 
 def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: str) -> None:

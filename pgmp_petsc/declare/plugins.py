@@ -13,6 +13,7 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
+from pgmp_petsc.declare.expressions import Printed
 from pgmp_petsc.declare.ideas import FAMILIES, PLUGIN, WHEN_GROWN
 from pgmp_petsc.runtime import plugins
 from pgmp_petsc.runtime.errors import InputError, shortened
@@ -48,6 +49,9 @@ def take(file: Path) -> None:
     n_before = len(plugins.IN_USE)
     try:
         _run(text, file, module)
+        for one in vars(module).values():
+            if isinstance(one, Printed) and one.file == path:
+                _check_printed(one)
         if len(plugins.IN_USE) == n_before:
             declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
             raise InputError(
@@ -63,6 +67,15 @@ def take(file: Path) -> None:
         raise
     for told in WHEN_GROWN:
         told()
+
+
+def _check_printed(one: Printed) -> None:
+    """Print what a plugin declares by expressions, and refuse a name that the package or another plugin has."""
+    known = {plugin.path for plugin in plugins.IN_USE.values()}
+    for other in one.others:
+        if other in known or Path(__file__).parents[1] in Path(other).parents:
+            raise InputError(f"{one.place}: the name '{one.name}' is taken by {other}; take another one")
+    one.code  # says what cannot be printed
 
 
 def _run(text: bytes, file: Path, module: ModuleType) -> None:

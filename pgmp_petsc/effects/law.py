@@ -30,7 +30,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from pgmp_petsc.declare.expressions import check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.runtime.compiled import native_address, njit, source_mark
 from pgmp_petsc.runtime.errors import InputError
 
@@ -93,7 +93,7 @@ _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class Law(Printed):
     """A force law on a measure s.
 
     Attributes
@@ -144,6 +144,7 @@ class Law:
             check(f"{entry}: edges[{number}]", edge, of_s, place)
         if self.about_zero:
             check(f"{entry}: about_zero", self.about_zero, self.parameters, place)
+        self.enter()
 
     @functools.cached_property
     def code(self) -> ModuleType:
@@ -155,8 +156,8 @@ class Law:
             If the force is not finite.
         """
         *declaration, place = astuple(self)
-        key, file = repr((source_mark(__name__), declaration)), Path(place.rpartition(":")[0])
-        found = kept(self.name, key, file, self._printed)
+        key = repr((source_mark(__name__), declaration))
+        found = kept(self.name, key, Path(self.file), self._printed)
         self._check_finite(found)
         return found
 

@@ -120,6 +120,7 @@ def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring:
 
 
 CLASS = "class LineSpring"
+LAW = 'from pgmp_petsc.effects.law import Law\nlaw = Law("{}", ("k",), force="{}")\n'
 #: A change of the file (text, in its place), and what is said of it behind the file's name.
 BROKEN = {
     "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
@@ -143,6 +144,9 @@ BROKEN = {
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
     "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
     "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
+    "a law that names what it has not": (("@", LAW.format("own", "-k * z")), r"mine\.py:2: law own: force: .*'z'"),
+    "a law without bounds": (("@", LAW.format("own", "-k / s")), r"mine\.py:2: law own: .* not finite at s = 0"),
+    "a law of a taken name": (("@", LAW.format("stop", "-k * s")), r"mine\.py:2: the name 'stop' is taken by .*laws\.py"),
     "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
 }
 
