@@ -25,7 +25,7 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.units import SI
+from pgmp_petsc.scene.units import SI, UnknownUnit, take_unit
 from pgmp_petsc.scene.uses import Use
 
 if TYPE_CHECKING:
@@ -178,8 +178,11 @@ def _check(cls: type[EffectEntry]) -> None:
         raise refuse(cls, str(error)) from None
     for key, (_, unit) in cls.quantities.items():
         for one in (*unit.turning, *unit.sliding):
-            if one not in SI:
-                raise refuse(cls, f"{key} is in '{one}', which is no SI unit of a scene; units: {', '.join(SI)}")
+            try:
+                take_unit(one)
+            except UnknownUnit:
+                such = ", ".join(SI)
+                raise refuse(cls, f"{key} is in '{one}', which is no SI unit of a scene; such units: {such}") from None
 
 
 class OverTime(EffectEntry):

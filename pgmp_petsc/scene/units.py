@@ -162,6 +162,22 @@ def measure(unit: str) -> tuple[float, Dimension]:
     return factor, tuple(dimension.get(name, 0) for name in BASE)
 
 
+def take_unit(unit: str) -> None:
+    """Take a unit that an effect declares, such as N/m3, among those of scenes.
+
+    Raises
+    ------
+    UnknownUnit
+        If it is none of SI.
+    """
+    if unit not in SI:
+        factor, dimension = measure(unit)
+        if abs(factor - 1.0) > ROUNDING:
+            raise UnknownUnit(f"it is {factor:g} SI units")
+        SI[unit] = dimension
+        _plain_names.cache_clear()
+
+
 def _allowed(uses: list[Use]) -> set[Dimension]:
     """Return the dimensions that all uses take."""
     return set.intersection(*({SI[unit] for unit in use.units} for use in uses)) if uses else set()

@@ -29,6 +29,7 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.plugins import IN_USE, check_plugins
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 (LISTING,) = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
@@ -138,7 +139,7 @@ BROKEN = {
         ('Annotated[NotNegativeOrParameter, Unit("N s/m")]', "NotNegativeOrParameter"),
         r"damping may name a parameter, and has no unit: write Annotated",
     ),
-    "no SI unit": (('"N s/m"', '"lbf"'), r"damping is in 'lbf', which is no SI unit of a scene; units: "),
+    "no SI unit": (('"N s/m"', '"lbf"'), r"damping is in 'lbf', which is no SI unit of a scene; such units: "),
     "no motion of the joint": (("    local", "    joint: str\n    local"), r"joints = \(\"turning\", \"sliding\"\)"),
     "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
@@ -171,6 +172,13 @@ def test_a_plugin_that_is_not_whole_is_refused_and_leaves_nothing(tmp_path: Path
         pgmp.use(path)
     assert "mine.py" in str(caught.value) and caught.value.exit_status == 2
     assert [family.classes for family in FAMILIES] == known and not IN_USE
+
+
+def test_a_unit_that_no_entry_of_the_program_has(line_spring: Path) -> None:
+    line_spring.write_text(LISTING.replace('"N s/m"', '"N s2/m3"'))
+    pgmp.use(line_spring)
+    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[f"effects.guide={TABLE}"])
+    assert scene.effects["guide"].damping == 0.0 and SI["N s2/m3"] == (1, -2, 0)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
