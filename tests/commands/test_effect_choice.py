@@ -225,7 +225,7 @@ def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, n_ranks: int, mp
     done = mpirun(n_ranks, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
     assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
     with open_file(rom, "rom") as file:
-        sizes, scene = EffectSizes.read(file), tomllib.loads(file.attrs["scene"])
+        sizes, scene = EffectSizes.found_in(file), tomllib.loads(file.attrs["scene"])
     assert {size.name for size in sizes.sizes if size.name and not size.keeps} == {"tiny"}
     assert list(scene["effects"]) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]
     assert re.search(r"effects, chosen by their size\n.*rad/s", pgmp("info", rom).stdout)

@@ -1,15 +1,16 @@
 """Estimated errors in words: shares of an output's largest value, and outputs that are smaller than their errors."""
 
+from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
-
-from pgmp_petsc.texts.estimates import of_trajectory
-from pgmp_petsc.indicator.coverage import large_errors, not_estimated
-from pgmp_petsc.results import EstimatedErrors
+import synthetic
 from scenes import slider_crank
+
+from pgmp_petsc.indicator.coverage import large_errors, not_estimated
+from pgmp_petsc.results import EstimatedErrors, Trajectory
+from pgmp_petsc.texts.estimates import of_trajectory
 
 
 @pytest.mark.parametrize(
@@ -50,6 +51,6 @@ def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
     assert line.endswith(f"not estimated: {reason}") and reason not in other
     (remark,) = not_estimated(errors, slider_crank())
     assert "errors were not estimated for tip: two estimates disagree; " in remark.text
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        errors.write(file, {"tip": "m", "angle": "rad"})
-        assert EstimatedErrors.read(file).absent == {"tip": reason}
+    run, absent = synthetic.trajectory("reduced", n_frames=0), {"slider_position": reason}
+    replace(run, errors=replace(run.errors, absent=absent)).write(tmp_path / "run.h5")
+    assert Trajectory.read(tmp_path / "run.h5").errors.absent == absent
