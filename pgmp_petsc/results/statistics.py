@@ -132,7 +132,7 @@ class Chance:
         Number of samples that failed.
     model_error : float
         Of the output, as a share of its largest size in a sample: what is estimated to be exceeded in no more than 5 %
-        of samples; NaN where it is not estimated.
+        of samples; zero where nothing was reduced, NaN where it is not estimated.
     holds_to : float
         The largest such share with which the event is in doubt in too few samples to matter; NaN where it is not known.
     """
@@ -150,22 +150,24 @@ class Chance:
     def __post_init__(self) -> None:
         check_shape("interval", self.interval, (2,))
 
-    def is_decided(self, model_error: float = 0.0) -> bool:
-        """Return whether the model is good enough for it, as far as its error is known: estimated, or given."""
-        return not np.fmax(self.model_error, model_error) > self.holds_to
+    def is_decided(self, model_error: float = float("nan")) -> bool:
+        """Return whether the model is good enough for it, whose error is known: estimated, or given."""
+        return bool(np.fmax(self.model_error, model_error) <= self.holds_to)
 
     @property
     def decided_by(self) -> str:
         """The command that decides it where the model does not."""
         return f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
 
-    def doubt(self, model_error: float = 0.0) -> str:
+    def doubt(self, model_error: float = float("nan")) -> str:
         """Return why the model does not decide it, and what does."""
-        error, limit = (f"{100.0 * share:.3g} %" for share in (np.fmax(self.model_error, model_error), self.holds_to))
-        return (
-            f"not decided by this model: too many samples are nearer to the level than its error, {error} of the "
-            f"output's largest value (it would take one below {limit}); '{self.decided_by}' decides it"
+        error = np.fmax(self.model_error, model_error)
+        why = (
+            f"too many samples are nearer to the level than its error, {100.0 * error:.3g} % of the output's largest "
+            f"value (it would take one below {100.0 * self.holds_to:.3g} %)"
         )
+        why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
+        return f"not decided by this model: {why}; '{self.decided_by}' decides it"
 
     @property
     def of(self) -> str:
@@ -181,7 +183,7 @@ class Chance:
         put(group, "samples", self.n, "1", "number of samples of which it is known")
         about = "number of samples that failed: outside the event at the interval's lower end, in it at the upper one"
         put(group, "failed", self.n_failed, "1", about)
-        about = "estimated error of the output, of its largest size in a sample; NaN where it is not estimated"
+        about = "estimated error of the output, of its largest size in a sample, 0 of full order; NaN if not estimated"
         put(group, "model_error", self.model_error, "1", about)
         about = "largest such error with which the probability is decided by this model; NaN where it is not known"
         put(group, "holds_to", self.holds_to, "1", about)

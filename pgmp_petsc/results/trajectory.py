@@ -78,6 +78,11 @@ class Frames:
     cells: dict[str, np.ndarray]
     rigid: frozenset[str] = frozenset()
 
+    @property
+    def extent(self) -> float:
+        """Largest extent of a body along an axis of its frame, m."""
+        return max(float(np.ptp(nodes, axis=0).max()) for nodes in self.nodes.values())
+
     def __post_init__(self) -> None:
         n_frames = len(self.time)
         if not (self.positions.keys() == self.rotations.keys() == self.nodes.keys() == self.cells.keys()):
