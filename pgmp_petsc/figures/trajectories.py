@@ -86,8 +86,9 @@ class Comparison:
         """The part of the run that is compared, in words."""
         if self.is_whole:
             return "over the run"
-        stopped = " and ".join(MODELS[run.model] for run in self.runs if run.time[-1] < self.planned * (1.0 - 1e-9))
-        return f"over the first {self.covered:.4g} s of {self.planned:.4g} s, where the {stopped} run stopped"
+        stopped = [MODELS[run.model] for run in self.runs if run.time[-1] <= self.covered * (1.0 + 1e-9)]
+        runs = f"{' and '.join(stopped)} run{'s' if len(stopped) > 1 else ''}"
+        return f"over the first {self.covered:.4g} s of {self.planned:.4g} s, where the {runs} stopped"
 
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.

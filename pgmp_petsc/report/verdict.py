@@ -247,7 +247,8 @@ def headline_of_run(path: Path) -> str:
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"
-    return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s; {error}{_remarks(run.record)}"
+    of = f" of {cautions.planned_end(run):g} s" if cautions.ended_early(run) else ""
+    return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s{of}; {error}{_remarks(run.record)}"
 
 
 def headline_of_comparison(path: Path, better: Path) -> str:

@@ -166,6 +166,7 @@ class Chance:
             f"too many samples are nearer to the level than its error, {100.0 * error:.3g} % of the output's largest "
             f"value (it would take one below {100.0 * self.holds_to:.3g} %)"
         )
+        why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
         why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
         return f"not decided by this model: {why}; '{self.decided_by}' decides it"
 

@@ -158,6 +158,7 @@ def test_an_event_within_the_error_is_not_decided() -> None:
     assert "not decided by this model" in said and "'pgmp montecarlo SCENE --full -n 512'" in said
     unknown = replace(chance, model_error=np.nan)
     assert not unknown.is_decided() and unknown.is_decided(1.0) and "its error is not known" in unknown.doubt()
+    assert "samples lie on the level itself" in replace(chance, holds_to=0.0).doubt()
     assert not Chance("y", **of, model_error=0.0).is_decided() and "no sample tells" in Chance("y", **of).doubt(0.0)
     # half of the samples in the event: it holds as long as no more than the interval's width is in doubt
     halves = np.linspace(-1.0, 1.0, 512)
