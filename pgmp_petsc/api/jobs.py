@@ -288,7 +288,11 @@ class _Job:
             return f"some samples failed; {target} says which" if failed else ""
 
         known = (self._made_from(), n_samples, seed)
-        self._step("ensemble", MANY, known, make, headline_of_ensemble)
+
+        def headline(path: Path) -> str:
+            return headline_of_ensemble(path, *(file for file in self.files if file.name in (RUN, BETTER)))
+
+        self._step("ensemble", MANY, known, make, headline)
 
     def _affordable(self, n_samples: int) -> bool:
         """Say what samples of a model that is not reduced will take, and whether they are within the budget."""

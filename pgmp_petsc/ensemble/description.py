@@ -183,10 +183,10 @@ def _chance(
     excess, largest = peaks.excess(event), peaks.largest(event.output)
     seen = known & np.isfinite(excess)
     limit = holds_to(np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen], largest[seen], true[seen], level)
-    error = float("nan")
+    error = 0.0 if origin.model == "full" else float("nan")
     if origin.model == "reduced" and event.output in estimates["errors"]:
         of_event_alone = estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
-        shares = np.abs(of_event_alone[known]) / largest[known]
+        shares = np.abs(of_event_alone[known]) / np.maximum(largest[known], np.finfo(float).tiny)
         shares = shares[np.isfinite(shares)]
         error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
     estimate = count / n if n and not is_hiding else float("nan")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.results.ensemble import DESCRIBED
-from pgmp_petsc.results.numbers import with_unit
+from pgmp_petsc.results.numbers import sizes_of, with_unit
 from pgmp_petsc.scene.ensemble import Event
 
 Columns = Mapping[str, np.ndarray]
@@ -83,14 +83,8 @@ class Peaks:
         return np.where(known, found, stand_in)
 
     def sizes(self, units: Mapping[str, str], fine: np.ndarray) -> dict[str, float]:
-        """Return beside what each quantity may vary by round-off: the largest output in its unit; of angles 1 rad."""
-        of_units = {"rad": 1.0}
-        for output in self.outputs:
-            largest = self.largest(output)[fine]
-            largest = largest[np.isfinite(largest)]
-            unit = units.get(output, "1")
-            of_units[unit] = max(of_units.get(unit, 0.0), float(largest.max(initial=0.0)))
-        sizes = {output: of_units[units.get(output, "1")] for output in self.outputs}
+        """Return beside what each quantity may vary by round-off: `sizes_of` the outputs."""
+        sizes = sizes_of({output: self.largest(output)[fine] for output in self.outputs}, units)
         return sizes | {f"{output}.{which}": size for output, size in sizes.items() for which in DESCRIBED}
 
     def excess(self, event: Event) -> np.ndarray:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.results.numbers import ROUND_OFF
 from pgmp_petsc.results.statistics import Statistics
 
 MOST_BINS = 200
-ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same in all samples
 # Of one sample of its outermost slice of the parameters each, replicates know little of what tails do there. So the
 # interval as of independent values has a part in theirs: of a deviation from the kurtosis of a normal law on, all of it
 # at HEAVY; of a mean so many times the root of the samples of a replicate, and that in full at a skewness of SKEW

@@ -35,7 +35,7 @@ from pgmp_petsc.figures.style import (
     top_legend,
 )
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.numbers import plain
+from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
 from pgmp_petsc.runtime.errors import InputError
 
 N_CROSSES = 36
@@ -72,29 +72,39 @@ class Comparison:
         return min(float(run.time[-1]) for run in self.runs)
 
     @property
+    def planned(self) -> float:
+        """Instant at which the run was to end, s."""
+        return max(map(cautions.planned_end, self.runs))
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of the run is compared."""
+        return self.covered >= self.planned * (1.0 - 1e-9)
+
+    @property
     def part(self) -> str:
         """The part of the run that is compared, in words."""
-        planned = max(cautions.planned_end(run) for run in self.runs)
-        if self.covered >= planned * (1.0 - 1e-9):
+        if self.is_whole:
             return "over the run"
-        stopped = " and ".join(MODELS[run.model] for run in self.runs if run.time[-1] < planned * (1.0 - 1e-9))
-        return f"over the first {self.covered:.4g} s of {planned:.4g} s, where the {stopped} run stopped"
+        stopped = [MODELS[run.model] for run in self.runs if run.time[-1] <= self.covered * (1.0 + 1e-9)]
+        runs = f"{' and '.join(stopped)} run{'s' if len(stopped) > 1 else ''}"
+        return f"over the first {self.covered:.4g} s of {self.planned:.4g} s, where the {runs} stopped"
 
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
 
         The reduced output is interpolated linearly to the full-order instants that it covers. None where one
         of the runs is absent, one of them did no step, or the full-order output is zero throughout but for round-off of
-        the largest output of its unit.
+        the largest output of its unit, of an angle of 1 rad, or of the mechanism's lengths where frames tell them.
         """
         if self.full is None or self.reduced is None:
             return None
         covered = self.full.time <= self.reduced.time[-1] * (1 + 1e-12)
         time, exact = self.full.time[covered], self.full.outputs[output][covered]
-        largest, units = np.max(np.abs(exact), initial=0.0), self.full.units
-        alike = (self.full.outputs[name] for name in self.full.outputs if units.get(name) == units.get(output))
-        size = max(float(np.max(np.abs(values[covered]), initial=0.0)) for values in alike)
-        if largest <= np.finfo(float).eps * size or len(time) < 2:
+        largest = np.max(np.abs(exact), initial=0.0)
+        of_part = {name: values[covered] for name, values in self.full.outputs.items()}
+        length = max((run.frames.extent for run in self.runs if run.frames is not None), default=0.0)
+        if not largest > ROUND_OFF * sizes_of(of_part, self.full.units, length)[output] or len(time) < 2:
             return None
         reduced = np.interp(time, self.reduced.time, self.reduced.outputs[output])
         return time, 100.0 * np.abs(reduced - exact) / largest

@@ -385,7 +385,8 @@ def _wanted(
 ) -> np.ndarray:
     """Return the configurations of the next round (first rank); none where the tolerance holds or none is given.
 
-    Without one, angles of a single coordinate are halved where the basis is too uneven for them, if they may be.
+    Without one, angles of a single coordinate are halved where vectors of other parameter values turn too quickly for
+    them, if they may be: the basis is too uneven, or interpolated matrices are indefinite at some values.
     """
     tolerance = scene.reduction.sampling_tolerance
     nothing = np.empty((0, store.samples.n_coordinates))
@@ -393,8 +394,13 @@ def _wanted(
         return nothing
     samples = store.samples.axes[0]
     if tolerance is None:
-        few = current.uneven > UNEVEN and 2 * samples.n <= scene.reduction.max_angles
-        return midpoints(samples)[:, None] if few and refinable and store.samples.n_coordinates == 1 else nothing
+        if not refinable or store.samples.n_coordinates > 1 or 2 * samples.n > scene.reduction.max_angles:
+            return nothing
+        few = current.uneven > UNEVEN or (
+            current.uneven > 1.0
+            and indefinite_between(current.tables, scene.reduction.interpolation, *spanning_values(scene))
+        )
+        return midpoints(samples)[:, None] if few else nothing
     if previous is None:
         return midpoints(samples)[:, None]
     new = np.setdiff1d(samples.theta, previous.tables.samples.axes[0].theta)

@@ -57,6 +57,8 @@ class ModelError:
         So many times as large are no more than 5 % of errors.
     absent
         Why outputs have no estimate, those that have none.
+    whole
+        Whether it is of the whole run, and not of a part, beyond which it may be of any size.
     """
 
     shares: dict[str, float]
@@ -66,6 +68,7 @@ class ModelError:
     at_end: dict[str, float] = field(default_factory=dict)
     doubt: float = 1.0
     absent: Mapping[str, str] = field(default_factory=dict)
+    whole: bool = True
 
     @property
     def worst(self) -> str | None:
@@ -74,10 +77,14 @@ class ModelError:
         return max(known, key=known.__getitem__) if known else None
 
     def bound(self, output: str, when: str) -> float:
-        """Return what an output's error hardly exceeds, ``ever`` or at the ``end``, as a share; NaN if not known."""
+        """Return what an output's error hardly exceeds, ``ever`` or at the ``end``, as a share; NaN if not known.
+
+        What was measured over a part of the run counts beside an estimate of all of it only.
+        """
         shares = self.at_end if when == "end" else self.shares
         further = np.nan if self.with_step is None else self.with_step.bound(output, when)
-        return float(np.fmax(self.doubt * shares.get(output, np.nan), further))
+        counts = self.whole or (when == "ever" and np.isfinite(further))
+        return float(np.fmax(self.doubt * shares.get(output, np.nan), further) if counts else further)
 
 
 def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
@@ -101,7 +108,8 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
             if alike:
                 how += " and at the same time step; the time-step error is not included"
             datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
-            return ModelError(shares, how, datums, estimated if alike else None, at_end)
+            known = estimated if alike else None
+            return ModelError(shares, how, datums, known, at_end, whole=comparison.is_whole)
     return None
 
 

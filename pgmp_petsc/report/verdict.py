@@ -13,10 +13,12 @@ import numpy as np
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
-from pgmp_petsc.figures.trajectories import Comparison
+from pgmp_petsc.figures.trajectories import Comparison, paired
 from pgmp_petsc.report.bodies import stress_of
-from pgmp_petsc.report.budget import ModelError, step_errors
-from pgmp_petsc.report.sources import Build, Datum, Interval, Place, Sentence, Source, in_words, sentence_case
+from pgmp_petsc.report.budget import ModelError, model_error, step_errors
+from pgmp_petsc.report.sources import (
+    Build, Datum, Interval, Place, Sentence, Source, in_words, read_sources, sentence_case
+)  # fmt: skip
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.body_fields import truncated
 from pgmp_petsc.results.errors import OF_STEP
@@ -57,14 +59,11 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
     """
     ensemble = source.result
     ahead = f"{source.name}: " if several else ""
-    events = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {})
     for label, chance in ensemble.probabilities.items():
-        place, event = Place(source.name, f"/probabilities/{label}"), events.get(label, {})
+        place = Place(source.name, f"/probabilities/{label}")
         parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
         of = f"{percent(chance.confidence)} interval of {chance.of}"
-        of_runs = np.nan
-        if error is not None and ensemble.model == "reduced":
-            of_runs = error.bound(event.get("output", ""), event.get("when", "end"))
+        of_runs = _of_runs(ensemble, label, error)
         if np.isnan(chance.estimate):
             words = f"{ahead}P({chance.event}) is not known"
             yield [f"{words}: no sample tells."] if np.isnan(chance.interval).any() else [words, parts[1], f" %, {of}."]
@@ -98,6 +97,14 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
             f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
+
+
+def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
+    """Return what single runs say of the error that decides an event, as a share; NaN where they say nothing."""
+    if error is None or ensemble.model != "reduced":
+        return np.nan
+    event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
+    return error.bound(event.get("output", ""), event.get("when", "end"))
 
 
 def _of_run(source: Source) -> Iterator[Sentence]:
@@ -240,7 +247,8 @@ def headline_of_run(path: Path) -> str:
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"
-    return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s; {error}{_remarks(run.record)}"
+    of = f" of {cautions.planned_end(run):g} s" if cautions.ended_early(run) else ""
+    return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s{of}; {error}{_remarks(run.record)}"
 
 
 def headline_of_comparison(path: Path, better: Path) -> str:
@@ -262,7 +270,7 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     words = (
         f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at {when}"
     )
-    if comparison.part != "over the run":
+    if not comparison.is_whole:
         words += f"; compared {comparison.part}"
     knows = comparison.same_steps and run.errors is not None and run.errors.what != OF_STEP
     estimated = run.errors.outputs if knows else ()
@@ -273,16 +281,22 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     return words
 
 
-def headline_of_ensemble(path: Path) -> str:
-    """Return how many samples are fine, and the probability of the scene's first event or an output's mean."""
+def headline_of_ensemble(path: Path, *runs: Path) -> str:
+    """Return how many samples are fine, and the probability of the scene's first event or an output's mean.
+
+    What is known of the model's error is taken from the file of single runs, too.
+    """
     ensemble = Ensemble.read(path)
+    sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
+    error = model_error(sources, paired([source.result for source in sources]))
     failed = int(np.count_nonzero(ensemble.status))
     parts = [f"{len(ensemble.status)} samples, {failed} failed"]
-    for chance in list(ensemble.probabilities.values())[:1]:
-        ends = 100.0 * chance.interval
+    for label, chance in list(ensemble.probabilities.items())[:1]:
+        ends, of_runs = 100.0 * chance.interval, _of_runs(ensemble, label, error)
         known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
         known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
-        parts.append(f"P({chance.event}) {known if chance.is_decided() else f'is {chance.doubt()}'}")
+        decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
+        parts.append(f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs)}'}")
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]

@@ -12,6 +12,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
+ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
 READABLE = 1e-3  # of the largest figure of a page: smaller ones have a prefix of their own
@@ -19,6 +20,15 @@ READABLE = 1e-3  # of the largest figure of a page: smaller ones have a prefix o
 _PREFIXES = {0: "", -1: "m", -2: "\N{MICRO SIGN}", -3: "n", 1: "k", 2: "M", 3: "G"}
 _PREFIXED_UNITS = {"m", "s", "N", "N m", "Pa", "J", "W", "rad", "Hz"}
 _largest: ContextVar[Mapping[str, float]] = ContextVar("largest", default={})
+
+
+def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, float]:
+    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length in m."""
+    of_units = {"rad": 1.0, "m": length}
+    for name, values in outputs.items():
+        unit, sizes = units.get(name, "1"), np.abs(values)
+        of_units[unit] = max(of_units.get(unit, 0.0), float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))
+    return {name: of_units[units.get(name, "1")] for name in outputs}
 
 
 def plain(value: float, digits: int = 2, sign: str = "") -> str:

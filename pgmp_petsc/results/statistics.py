@@ -79,7 +79,7 @@ class Chance(Record):
         about="number of samples that failed: outside the event at the interval's lower end, in it at the upper one",
     )  # fmt: skip
     model_error: float = array(
-        about="estimated error of the output, of its largest size in a sample; NaN where it is not estimated",
+        about="estimated error of the output, of its largest size in a sample, 0 of full order; NaN if not estimated",
         absent=UNKNOWN, gaps=True,
     )  # fmt: skip
     holds_to: float = array(
@@ -88,22 +88,25 @@ class Chance(Record):
     )  # fmt: skip
     FURTHER = (derived(bool, lambda own, _: own.is_decided(), "@decided", about="whether this model decides it"),)
 
-    def is_decided(self, model_error: float = 0.0) -> bool:
-        """Return whether the model is good enough for it, as far as its error is known: estimated, or given."""
-        return not np.fmax(self.model_error, model_error) > self.holds_to
+    def is_decided(self, model_error: float = float("nan")) -> bool:
+        """Return whether the model is good enough for it, whose error is known: estimated, or given."""
+        return bool(np.fmax(self.model_error, model_error) <= self.holds_to)
 
     @property
     def decided_by(self) -> str:
         """The command that decides it where the model does not."""
         return f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
 
-    def doubt(self, model_error: float = 0.0) -> str:
+    def doubt(self, model_error: float = float("nan")) -> str:
         """Return why the model does not decide it, and what does."""
-        error, limit = (f"{100.0 * share:.3g} %" for share in (np.fmax(self.model_error, model_error), self.holds_to))
-        return (
-            f"not decided by this model: too many samples are nearer to the level than its error, {error} of the "
-            f"output's largest value (it would take one below {limit}); '{self.decided_by}' decides it"
+        error = np.fmax(self.model_error, model_error)
+        why = (
+            f"too many samples are nearer to the level than its error, {100.0 * error:.3g} % of the output's largest "
+            f"value (it would take one below {100.0 * self.holds_to:.3g} %)"
         )
+        why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
+        why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
+        return f"not decided by this model: {why}; '{self.decided_by}' decides it"
 
     @property
     def of(self) -> str:

@@ -93,6 +93,11 @@ class Frames(Record):
     rigid: frozenset[str] = frozenset()
     STORED = FrameTable
 
+    @property
+    def extent(self) -> float:
+        """Largest extent of a body along an axis of its frame, m."""
+        return max(float(np.ptp(nodes, axis=0).max()) for nodes in self.nodes.values())
+
     def __post_init__(self) -> None:
         if not (self.positions.keys() == self.rotations.keys() == self.nodes.keys() == self.cells.keys()):
             raise ValueError("positions, rotations, nodes and cells of frames name different bodies")

@@ -57,7 +57,7 @@ def lines_of(ensemble: Ensemble) -> list[str]:
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
             what = f"{chance.event}, {chance.count} of {chance.of}"
             lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{what}")
-            if not chance.is_decided():
+            if not (np.isnan(chance.estimate) or chance.is_decided()):
                 lines.append(f"  {'':24s}{chance.doubt()}")
     lines += _corrected(ensemble)
     if ensemble.stopping is not None:

@@ -62,3 +62,21 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path
                 np.testing.assert_array_equal(getattr(several, kind)[key], values)
                 # so few steps of a mesh tell nothing of their own error, which is said
                 assert np.isfinite(values[:1]).all() or key == "stiffness_lost" or name == "full"
+
+
+def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpirun: Callable, tmp_path: Path) -> None:
+    """The first rank alone knows the nominal model: points and angles of the others come from it."""
+    path, rom = tmp_path / "scene.toml", tmp_path / "rom.h5"
+    path.write_text(SLIDER_CRANK, encoding="utf-8")
+    settings = ("reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false")
+    done = mpirun(2, "-c", IN_TURN, json.dumps([["build", str(path), *overridden(*settings), "-o", str(rom)]]))
+    assert "[0, 0]" in done.stdout, f"{done.stdout}\n{done.stderr}"
+    found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))
+    for one, other in zip(found.family.members, own.family.members, strict=True):
+        np.testing.assert_array_equal(one.tables.samples.theta, other.tables.samples.theta)
+        assert one.points.n_vectors == other.points.n_vectors == 2
+        # eigensolvers of one and of two ranks agree to their tolerance
+        for name in ("r1", "rod_length"):
+            np.testing.assert_allclose(one.points.values[name], other.points.values[name], rtol=1e-9)
+        scale = np.abs(other.tables.stiffness).max()
+        np.testing.assert_allclose(one.tables.stiffness, other.tables.stiffness, atol=1e-6 * scale)

@@ -78,6 +78,10 @@ def test_the_error_needs_two_runs_and_a_signal():
     # a fixed point: round-off beside a position in the same unit, once "differs by at most 100 %"
     still = replace(full, outputs=full.outputs | {"slider_deformation": np.full(1001, 1e-25)})
     assert Comparison(still, synthetic.trajectory("reduced")).error_percent("slider_deformation") is None
+    # and one that no other output of its unit stands beside: round-off of the bodies' lengths, or of a turn
+    for name, reduced in (("slider_deformation", synthetic.trajectory("reduced")), ("crank_angle", full)):
+        alone = replace(full, outputs={name: np.full(1001, 1e-16)})
+        assert Comparison(alone, reduced).error_percent(name) is None
 
 
 def test_the_error_is_known_only_where_both_runs_are():

@@ -144,6 +144,17 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
         figures = [item for item in verdict.iter("data") if "probabilities" in (item.get("data-path") or "")]
         assert ("is not decided by this model" in first) == (not decided) == (not figures), first
         assert decided or ("pgmp montecarlo SCENE --full -n 57" in first and "5.26 % [1, 20]" in second)
+    # the better run stopped half-way: what it measured is of that half, and nothing else is known
+    full = with_event(synthetic.trajectory("full"))
+    half = {name: values[:500] for name, values in full.outputs.items()}
+    replace(full, time=full.time[:500], outputs=half, coordinates=full.coordinates[:500]).write(tmp_path / "full.h5")
+    with_event(replace(synthetic.trajectory("reduced"), errors=None)).write(tmp_path / "reduced.h5")
+    runs = [tmp_path / f"{name}.h5" for name in ("reduced", "full")]
+    for error, decided in ((np.nan, False), (0.7, True)):
+        chance = replace(late, holds_to=0.8, model_error=error)
+        replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
+        said = headline_of_ensemble(tmp_path / "many.h5", *runs)
+        assert ("= 5.26 % [1, 20]" in said) == decided == ("its error is not known" not in said), said
     chance = replace(late, model_error=2.0, holds_to=1.0, n_failed=3)
     replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
     said = headline_of_ensemble(tmp_path / "many.h5")

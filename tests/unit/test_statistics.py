@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -154,7 +156,10 @@ def test_an_event_within_the_error_is_not_decided() -> None:
     assert chance.is_decided() and not chance.is_decided(1.3)
     said = chance.doubt(1.3)
     assert "not decided by this model" in said and "'pgmp montecarlo SCENE --full -n 512'" in said
-    assert Chance("y", **of).is_decided() and Chance("y", **of).is_decided(1.0)  # nothing is known
+    unknown = replace(chance, model_error=np.nan)
+    assert not unknown.is_decided() and unknown.is_decided(1.0) and "its error is not known" in unknown.doubt()
+    assert "samples lie on the level itself" in replace(chance, holds_to=0.0).doubt()
+    assert not Chance("y", **of, model_error=0.0).is_decided() and "no sample tells" in Chance("y", **of).doubt(0.0)
     # half of the samples in the event: it holds as long as no more than the interval's width is in doubt
     halves = np.linspace(-1.0, 1.0, 512)
     assert 0.05 < holds_to(halves, np.ones(512), halves > 0.0, 0.95) < 0.1

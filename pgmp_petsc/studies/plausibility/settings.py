@@ -122,10 +122,9 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
     chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
     if reduction.stretching == "static" and not reduction.second_order and not chosen:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
-    if _is_set(reduction, "max_angles") and reduction.sampling_tolerance is None:
-        yield doubt(
-            "reduction.max_angles", "without effect, as there is no reduction.sampling_tolerance", reduction.max_angles
-        )
+    if _is_set(reduction, "max_angles") and reduction.sampling_tolerance is None and not reduction.parameter_modes:
+        why = "without effect, as there is neither reduction.sampling_tolerance nor parameter_modes"
+        yield doubt("reduction.max_angles", why, reduction.max_angles)
     if _is_set(reduction, "length_points") and not length_names(scene):
         why = "without effect, as no parameter is a length or a place"
         yield doubt("reduction.length_points", why, reduction.length_points)
