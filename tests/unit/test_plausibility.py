@@ -151,7 +151,7 @@ WARNED = {
         "reduction.second_order is false",
     ),
     "most angles of nothing": (
-        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "neither reduction.sam"
+        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is neither"
     ),  # fmt: skip
     "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a leng"),
     "replicates of random samples": (SCENE, ["ensemble.replicates=16"], "ensemble.replicates", 'it is for "sobol"'),
