@@ -56,9 +56,8 @@ class Mixing:
 
     def applied(self, uniform: np.ndarray) -> np.ndarray:
         """Return the uniform numbers (n, d) of correlated parameters; other columns stay as they are."""
-        if self.copula in ARCHIMEDEAN:
-            return self._archimedean(uniform)
-        return self._gaussian(uniform) if self.copula == "gaussian" else self._student(uniform)
+        made = {"gaussian": self._gaussian, "student": self._student} | dict.fromkeys(ARCHIMEDEAN, self._archimedean)
+        return made[self.copula](uniform)
 
     def _gaussian(self, uniform: np.ndarray) -> np.ndarray:
         from scipy.special import ndtr, ndtri
