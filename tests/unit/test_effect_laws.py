@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT_SECONDS
 from gap_spring import GAP_SPRING
 
 from pgmp_petsc.bodies.affine import Quantity
@@ -82,7 +82,7 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     text = "\n".join(law.code.C.replace("static ", "") for law in FOUND)
     source.write_text(f"#include <math.h>\n{text}\n")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-shared", "-fPIC"]
-    subprocess.run(["cc", *flags, "-o", source.with_suffix(".so"), source, "-lm"], check=True, timeout=60)
+    subprocess.run(["cc", *flags, "-o", source.with_suffix(".so"), source, "-lm"], check=True, timeout=TIMEOUT_SECONDS)
     return ctypes.CDLL(str(source.with_suffix(".so")))
 
 
@@ -244,8 +244,8 @@ def printing(folder: Path) -> subprocess.Popen:
 
 def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
     both = [printing(tmp_path) for _ in range(2)]
-    (path, _), _ = [one.communicate(timeout=120)[0].split() for one in both]
+    (path, _), _ = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
     assert Path(path).parent == tmp_path and [part.name for part in tmp_path.glob("*.py")] == [Path(path).name]
-    assert printing(tmp_path).communicate(timeout=120)[0].split() == [path, "False"], "sympy is for printing alone"
+    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "False"], "sympy is for printing alone"
     Path(path).write_text(Path(path).read_text()[:200])
-    assert printing(tmp_path).communicate(timeout=120)[0].split() == [path, "True"]
+    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "True"]
