@@ -54,8 +54,9 @@ def njit(
 
     Of what a function calls numba takes a copy into it, and optimises that again: code that is five calls deep is
     compiled five times. A function `apart` is compiled once for each set of types, and called by its name; such a call
-    takes 1.4 ns for each array among its arguments, so that it is for functions that do much. Callers that are kept in the cache
-    have it loaded first. Twenty-five such functions take a full-order run's compiling from 78 to 47 s of a processor.
+    takes 1.4 ns for each array among its arguments, so that it is for functions that do much. Callers that are kept in
+    the cache have it loaded first. Twenty-five such functions take a full-order run's compiling from 78 to 47 s of a
+    processor.
     """
 
     def decorate(function: Callable) -> Callable:

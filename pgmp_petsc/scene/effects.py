@@ -209,20 +209,6 @@ class OverTime(EffectEntry):
             return tuple((f"harmonic.{key}", getattr(self.harmonic, key)) for key in ("amplitude", "mean"))
         return tuple((f"table[{row}]", value) for row, (_, value) in enumerate(self.table or ()))
 
-    def doubts(
-        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
-    ) -> Iterator[Finding]:
-        """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
-
-        Parameters
-        ----------
-        frequencies
-            First frequency of flexible bodies between hinges, Hz, as far as they are known.
-        first
-            Returns the first frequency of the mechanism, Hz, if it can be had.
-        """
-        yield from ()
-
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the entries that may name a parameter; the factor of a table is a number, or has the table's unit."""
         for use in super().uses(entry, turns):
