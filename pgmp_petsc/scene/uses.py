@@ -18,23 +18,6 @@ if TYPE_CHECKING:
 MATERIAL = {"E": "Pa", "rho": "kg/m3"}
 BODY = {"thickness": "m", "section_scale": "1"}
 MATRICES = ("stiffness_scale", "mass_scale")
-SECTION = {
-    "radius": "m",
-    "width": "m",
-    "height": "m",
-    "axial": "N",
-    "shear": "N",
-    "bending": "N m2",
-    "line_density": "kg/m",
-    "rotary_density": "kg m",
-    "shear_2": "N",
-    "shear_3": "N",
-    "torsion": "N m2",
-    "bending_2": "N m2",
-    "bending_3": "N m2",
-    "rotary_2": "kg m",
-    "rotary_3": "kg m",
-}
 
 @dataclass(frozen=True)
 class Use:
@@ -94,10 +77,9 @@ def uses_of(scene: Scene) -> Iterator[Use]:
                 yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
         for key in MATRICES if body.matrices is not None else ():
             yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
-        for key, size in body.section or ():
-            if key != "shape":
-                sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
-                yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
+        for key, (sign, unit) in body.section.quantities.items() if body.section is not None else ():
+            sign = "positive" if body.flexible else sign
+            yield Use(f"bodies.{name}.section.{key}", getattr(body.section, key), sign, unit.turning)
     for coordinate, name in velocity_names(scene).items():
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
     for name, effect in scene.effects.items():
