@@ -89,10 +89,12 @@ def uses_of(scene: Scene) -> Iterator[Use]:
 def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str]]:
     """Yield pairs of entries of which the first is below the second: the first one's dotted name, the second one's
     own, and both values."""
-    for name, effect in scene.effects.items():
-        for low, high in effect.ordered:
-            if None not in (ends := (getattr(effect, low), getattr(effect, high))):
-                yield f"effects.{name}.{low}", high, *ends
+    sections = {f"bodies.{name}.section": body.section for name, body in scene.bodies.items() if body.section}
+    effects = {f"effects.{name}": effect for name, effect in scene.effects.items()}
+    for name, entry in (sections | effects).items():
+        for low, high in entry.ordered:
+            if None not in (ends := (getattr(entry, low), getattr(entry, high))):
+                yield f"{name}.{low}", high, *ends
 
 
 def slides(scene: Scene, entry: Any) -> bool:
