@@ -32,8 +32,8 @@ class SectionEntry(Table):
     sizes: ClassVar[tuple[str, ...]] = ()
     #: Entries that stiffness and mass of a beam2d are proportional to.
     proportional: ClassVar[tuple[str, ...]] = ()
-    #: Pairs of entries of which the first is below the second, in every sample.
-    ordered: ClassVar[tuple[tuple[str, str], ...]] = ()
+    #: Entries of which the first is below a share of the second, in every sample.
+    ordered: ClassVar[tuple[tuple[str, str, float], ...]] = ()
     #: Entries that may name a parameter, with their signs and units.
     quantities: ClassVar[dict[str, tuple[str, Unit]]] = {}
 

@@ -86,15 +86,16 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
 
-def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str]]:
-    """Yield pairs of entries of which the first is below the second: the first one's dotted name, the second one's
-    own, and both values."""
+def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
+    """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
+    second one in words, both values, and the share."""
     sections = {f"bodies.{name}.section": body.section for name, body in scene.bodies.items() if body.section}
     effects = {f"effects.{name}": effect for name, effect in scene.effects.items()}
     for name, entry in (sections | effects).items():
-        for low, high in entry.ordered:
+        for low, high, *rest in entry.ordered:
+            share = rest[0] if rest else 1.0
             if None not in (ends := (getattr(entry, low), getattr(entry, high))):
-                yield f"{name}.{low}", high, *ends
+                yield f"{name}.{low}", f"{share:g} {high}" if rest else high, *ends, share
 
 
 def slides(scene: Scene, entry: Any) -> bool:
