@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.ensemble.allotment import SampleFile
+from pgmp_petsc.ensemble.plan import SampleFile
 from pgmp_petsc.runtime.csv_table import csv_table
 from pgmp_petsc.runtime.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.scene import Scene

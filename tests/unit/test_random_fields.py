@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, field_remarks, profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
