@@ -97,7 +97,7 @@ def test_parameters(entries: tuple[float | str, ...]) -> None:
 
 
 def test_a_cantilever_has_the_deflection_and_the_stress_of_beam_theory() -> None:
-    """``F L^3 / 3 E I + F L / k G A`` along the height at the tip, but for the mesh's 1/4 n^2; ``F (L - x) h / 2 I``."""
+    """``F L^3 / 3 E I + F L / k G A`` along the height at the tip, but for 1 / 4 n^2; ``F (L - x) h / 2 I``."""
     n, length, force = 40, 1.2, 100.0
     mesh, section = straight_beam(length, n, 0.0, 3), tube().coefficients(3, STEEL, {}, dict)
     axes = section_axes(np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0], np.array([0.0, 1.0, 0.0]))
