@@ -14,7 +14,7 @@ from runs import built_rom, full_model, read_meshes, rom_of, samples
 from sealed import resealed
 
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
-from pgmp_petsc.ensemble.columns import price_of, share_of
+from pgmp_petsc.ensemble.plan import price_of, share_of
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.indicator.validity import BodyStrains
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
