@@ -39,8 +39,7 @@ from pgmp_petsc.ensemble.watchers import (
 )
 from pgmp_petsc.indicator.member_errors import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.shard import ShardSamples
+from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
 from pgmp_petsc.runtime.groups import RankGroup
