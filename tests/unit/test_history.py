@@ -8,7 +8,7 @@ from runs import full_model, reduced_model, samples
 from tradeoffs import OUTPUTS
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.history import (
+from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
     errors_between,

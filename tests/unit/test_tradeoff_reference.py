@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.history import History, largest_errors
-from pgmp_petsc.studies.tradeoff_measurement import ReferenceSequence
+from pgmp_petsc.bench.history import History, largest_errors
+from pgmp_petsc.bench.reference import ReferenceSequence
 
 N = 10
 FLOORS = np.array([1e-10])
