@@ -24,10 +24,9 @@ from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.shape_files import put_shape, take_shape
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, put, shapes_of, take, write_file
 from pgmp_petsc.runtime.seal import identity
@@ -82,7 +81,7 @@ class ReducedOrderModel:
     branch
         Poses of the rigid mechanism over its range.
     rigid_inertia
-        That of the rigid motion on the fine grid, as from `reduction.rigid_inertia`.
+        That of the rigid motion on the fine grid, as from `tables.rigid_inertia`.
     projection
         Flexible modes in body frames at the samples, shape (n, n_dofs, n_modes); empty along the second axis where
         only the tables were read.
