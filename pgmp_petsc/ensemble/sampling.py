@@ -509,8 +509,8 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
         fine &= values[name] > 0.0
     for name in scene.parameters_not_negative:
         fine &= values[name] >= 0.0
-    for _, _, lower, upper in ordered_ends(scene):
-        fine &= scene.number(lower, values) < scene.number(upper, values)
+    for _, _, lower, upper, share in ordered_ends(scene):
+        fine &= scene.number(lower, values) < share * scene.number(upper, values)
     return fine
 
 
