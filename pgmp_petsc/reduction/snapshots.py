@@ -1,4 +1,4 @@
-"""What the basis of the nominal parameters misses at other parameter values: modes and static modes there.
+"""Modes and static modes at other parameter values that the basis of the nominal parameters misses.
 
 The snapshots X(theta) of other parameter values, M-orthogonal to the kept vectors, are compressed by one constant
 matrix C for all configurations: the vectors ``E(theta) = X(theta) C`` are as continuous as the snapshots are, whatever
