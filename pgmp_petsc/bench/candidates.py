@@ -23,11 +23,10 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
+from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
+from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
-from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
-from pgmp_petsc.bench.reference import start_of_coordinates
-from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -25,24 +25,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.bench.finished import Finished
-from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.selection import Selection
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
-from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
+from pgmp_petsc.bench.cases import Training
+from pgmp_petsc.bench.errors import REDUCTION, Ledger, Trial
+from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.reduction_choice import KNOBS, ReductionChoice
+from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.refusal import refuse
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
@@ -53,8 +42,19 @@ from pgmp_petsc.bench.step_choice import (
     StepChoice,
     first_steps,
 )
-from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.errors import REDUCTION, Ledger, Trial
+from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.selection import Selection
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
+from pgmp_petsc.scene.numerics import Reduction, Simulation
 
 if TYPE_CHECKING:
     import h5py

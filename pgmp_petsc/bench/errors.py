@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.bench.cases import Setting, Training
 
 
 @dataclass(frozen=True)

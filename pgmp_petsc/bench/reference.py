@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.linalg import block_diag, eigh, null_space
 
+from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
+from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.inertia_moments import rigid_motions
@@ -34,8 +36,6 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
-from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

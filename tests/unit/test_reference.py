@@ -15,7 +15,6 @@ from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.bench import reference
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
-from pgmp_petsc.bench.reference import first_period, period_of
 from pgmp_petsc.bench.reference import (
     CHECK_SHARE,
     FEWEST_STEPS,
@@ -25,6 +24,7 @@ from pgmp_petsc.bench.reference import (
     component_model,
     distance_from_mesh,
 )
+from pgmp_petsc.bench.reference import first_period, period_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.bench.bench import Shelf, bytes_of
+from pgmp_petsc.scene.numerics import Reduction
 
 
 @dataclass

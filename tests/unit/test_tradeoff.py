@@ -13,12 +13,12 @@ from runs import full_model, read_meshes, reduced_model
 from test_results import assert_same
 from tradeoffs import LEAST, TINY, small_scene, study
 
+from pgmp_petsc.bench.cases import held_out
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.bench.tradeoff import measure_tradeoff
-from pgmp_petsc.bench.cases import held_out
 
 # a part of the revolution: the closure takes less time
 LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pgmp_petsc.dynamics.first_accelerations import LENGTHS
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench
+from pgmp_petsc.dynamics.first_accelerations import LENGTHS
+from pgmp_petsc.models import FullModel
 from scenes import meshes_of, slider_crank
 
 
