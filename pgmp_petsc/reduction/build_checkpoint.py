@@ -37,7 +37,7 @@ LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a gr
 
 
 class BuildCheckpoint:
-    """What of a build is finished. Collective on ``group.world`` where it is made.
+    """The finished part of a build. Collective on ``group.world`` where it is made.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from pgmp_petsc.declare.records import Record, Result, array, attribute, leaves,
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
+from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.runtime.files import RunRecord
 
@@ -137,7 +137,7 @@ class RecoveryFile(Record):
 
     @property
     def recovery(self) -> Recovery:
-        """What it is of."""
+        """Its origin."""
         groups = {name: self.groups[f"of_{k}"] for k, name in enumerate(self.group_names)}
         regions = {name: self.regions[f"of_{k}"] for k, name in enumerate(self.region_names)}
         mesh = SolidMesh(self.kind, self.nodes, self.cells, groups=groups, regions=regions)
@@ -146,7 +146,7 @@ class RecoveryFile(Record):
 
 @dataclass(frozen=True)
 class FloatingFile(Record):
-    """What a condensed body is in a floating frame, besides its frames."""
+    """A condensed body in a floating frame, besides its frames."""
 
     parts: np.ndarray = array(
         "own unknown", "own unknown", unit="m, 1",
@@ -201,7 +201,7 @@ class FloatingFile(Record):
 
 @dataclass(frozen=True)
 class LargeFile(Record):
-    """What of a condensed body is of second order in its unknowns; in checkpoints of builds alone."""
+    """Terms of a condensed body of second order in its unknowns; in checkpoints of builds alone."""
 
     slenderness: float = attribute("@slenderness")
     third: np.ndarray = array("term of third", "own unknown", "own unknown", "own unknown")
@@ -299,7 +299,7 @@ class LineFile(Record):
 
 @dataclass(frozen=True)
 class BodyFile(Record):
-    """What a body is made from: its line mesh, or what it is condensed to."""
+    """Source of a body: its line mesh, or the condensed body."""
 
     points: tuple[str, ...] = attribute("@point_names", "point", about="names of points, or frames")
     numbers: np.ndarray = attribute("@point_nodes", "point", about="their nodes, or numbers")
@@ -378,7 +378,7 @@ class StiffnessChangesFile(Record):
 
 @dataclass(frozen=True)
 class MissedFile(Record):
-    """What the basis misses of the forces in bodies away from the nominal parameters."""
+    """Forces in bodies that the basis misses away from the nominal parameters."""
 
     forces: np.ndarray = array(
         "configuration", "term of forces", "vector", "vector", unit=WEIGHT_FREE,
