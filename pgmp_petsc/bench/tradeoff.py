@@ -33,14 +33,7 @@ from pgmp_petsc.bench.reference import (
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bench.sweep import (
-    Sweep,
-    best_settings,
-    columns_of,
-    first_settings,
-    own_setting,
-    settings_around,
-)
+from pgmp_petsc.bench.sweep import Sweep, best_settings, columns_of, first_settings, own_setting, settings_around
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
@@ -49,9 +42,9 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress, without_progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names, with_numbers
 

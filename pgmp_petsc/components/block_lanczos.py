@@ -24,7 +24,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.matrices import times
+from pgmp_petsc.runtime.petsc import times
 from pgmp_petsc.solvers.eigenpair_checks import check_complete, check_residuals
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.components.block_lanczos import BlockLanczos
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.matrices import aij_matrix, times
-from pgmp_petsc.runtime.memory import give_back
+from pgmp_petsc.runtime.petsc import aij_matrix, times
+from pgmp_petsc.runtime.resources import give_back
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
 
 if TYPE_CHECKING:

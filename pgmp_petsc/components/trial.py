@@ -20,7 +20,7 @@ from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
 from pgmp_petsc.components.condensing import FACTOR_SHARE
-from pgmp_petsc.runtime.memory import free_share
+from pgmp_petsc.runtime.resources import free_share
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:

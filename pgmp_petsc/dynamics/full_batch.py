@@ -25,8 +25,8 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.lane_items import aligned
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.runtime.vectors import aligned_zeros
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is

@@ -42,8 +42,8 @@ from pgmp_petsc.dynamics.first_accelerations import first_accelerations, n_first
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
-from pgmp_petsc.runtime.installed import has_petsc
 from pgmp_petsc.runtime.petsc import as_raised, has_options, petsc_solver
+from pgmp_petsc.runtime.surroundings import has_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI

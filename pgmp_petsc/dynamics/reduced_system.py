@@ -25,7 +25,7 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix

@@ -27,8 +27,7 @@ from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.ensemble import Ensemble, Event
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation

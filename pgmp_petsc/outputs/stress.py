@@ -31,8 +31,8 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import points_used, stressed_bodies
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
-from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
 
 Values = Mapping[str, "np.ndarray | float"]
 

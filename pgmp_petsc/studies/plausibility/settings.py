@@ -17,11 +17,11 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.messages import Finding, doubt, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES
 from pgmp_petsc.scene.uses import uses_of
 from pgmp_petsc.studies.plausibility.bodies import Size
-from pgmp_petsc.scene.findings import Finding, doubt, refusal
 
 FEW_STEPS = 10  # of a run
 MANY_STEPS = 1e7

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import Finding, doubt, refusal
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem
-from pgmp_petsc.scene.findings import Finding, doubt, refusal
 
 
 def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
