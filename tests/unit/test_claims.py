@@ -26,6 +26,7 @@ from pgmp_petsc.runtime.files import RunRecord, write_file
 HOLD = """
 import sys, time
 from pathlib import Path
+from pgmp_petsc.runtime.claims import OutputLock
 with OutputLock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
@@ -35,6 +36,7 @@ COMPETE = """
 import sys, time
 from pathlib import Path
 from pgmp_petsc.runtime import claims
+from pgmp_petsc.runtime.claims import OutputLock
 claims.PATIENCE = 600.0
 output, inside = Path(sys.argv[1]), Path(sys.argv[1] + ".inside")
 for _ in range(40):
