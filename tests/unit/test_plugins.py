@@ -32,7 +32,7 @@ from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
-(LISTING,) = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
 OUTPUT = """
 from typing import Literal
 import numpy as np
