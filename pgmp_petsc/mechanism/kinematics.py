@@ -340,8 +340,8 @@ class RigidKinematics:
             cures = self._without_spin(own, poses) if len(own) == 2 else [""]
             if all(cures):
                 texts.append(
-                    f"{body.name} can spin idly about the line through its joints {names}: make one of them a joint that "
-                    f"holds the spin: joints.{own[1].name}: {cures[1]}"
+                    f"{body.name} can spin idly about the line through its joints {names}: make one of them a joint "
+                    f"that holds the spin: joints.{own[1].name}: {cures[1]}"
                 )
             else:
                 where = f"in {names}" if names else "as no joint is on it"
