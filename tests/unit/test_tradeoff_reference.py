@@ -81,14 +81,14 @@ def test_it_stops_where_a_finer_run_fails() -> None:
         sequence.add(n_steps, run(n_steps))
     smallest = np.array([1e-9])
     assert sequence.wanted(smallest)
-    sequence.give_up("no convergence")
+    sequence.failure = "no convergence"
     assert sequence.wanted(smallest) == [] and sequence.usable
     assert sequence.reason(smallest) == "a finer run failed: no convergence"
 
 
 def test_without_two_runs_there_is_no_reference() -> None:
     sequence = ReferenceSequence(40, 160, FLOORS)
-    sequence.give_up("no convergence")
+    sequence.failure = "no convergence"
     assert not sequence.usable and sequence.wanted(np.array([np.inf])) == []
     assert sequence.failure == "no convergence"
 
