@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import ABOUT, FORCE, POWER, STORED
+from pgmp_petsc.dynamics.alpha_step import Stretch
 from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
@@ -20,7 +22,7 @@ from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residua
 from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
@@ -28,10 +30,20 @@ from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
+LARGEST = 2**19  # numbers that are written down, of all samples and steps
+FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
-class ReducedSystem:
+class ReducedTrail(State):
+    """Room for states as they lie side by side, shape (n_t, 3, n_samples, n_eta)."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.whole = np.empty((shape[0], 3, *shape[1:]))
+        super().__init__(*np.moveaxis(self.whole, 1, 0), np.zeros((shape[0], 0)), np.zeros((shape[0], 0)))
+
+
+class ReducedSystem(SecondOrderSystem):
     """A batch of samples of the reduced model, on one rank.
 
     Parameters
@@ -53,6 +65,8 @@ class ReducedSystem:
         Local effects, if there are any.
     """
 
+    steps_at_once = 2**31  # each by itself
+
     def __init__(
         self,
         terms: ReducedTerms,
@@ -66,7 +80,6 @@ class ReducedSystem:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.comm, self.n_samples = alone(), n_samples
-        self.settled: Settled | None = None
         self._initial = initial
         self._terms, self._motions = terms, motions
         self._values = values
@@ -82,6 +95,7 @@ class ReducedSystem:
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
+        self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
@@ -202,11 +216,6 @@ class ReducedSystem:
         evaluate_residual(self._equations, self._memory, self._strengths.at(time), _parts(state), result)
         return result
 
-    @property
-    def n_events(self) -> int:
-        """Number of edges of laws."""
-        return self._memory.depths.shape[1]
-
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
@@ -276,73 +285,54 @@ class ReducedSystem:
         weighted = forces[..., None] * self._lanes.place_weights.T[:, None]
         return weighted.reshape(*forces.shape[:2], forces.shape[2] * weighted.shape[3])
 
-    def close(self) -> None:
-        """Nothing is to be given back."""
-
-    def advance(
-        self,
-        moment: tuple[State, np.ndarray, np.ndarray, np.ndarray],
-        first: int,
-        ends: np.ndarray,
-        step: float,
-        scheme: Scheme,
-        samples: np.ndarray,
-        beyond: np.ndarray,
-        shown: np.ndarray,
-        trail: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Take some samples through several equal steps, each until it is done or something happens to it.
-
-        Parameters
-        ----------
-        moment
-            State, auxiliary accelerations, accelerations one step before and contractions of Newton's iteration to be
-            expected (n_samples, 1); advanced in place.
-        first, ends
-            Number of the first step in the run; ends of the steps, shape (n_steps,), s.
-        step
-            s.
-        samples
-            Mask, shape (n_samples,).
-        beyond
-            Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date.
-        shown
-            Numbers of the steps that somebody wants to see, shape (n_t,).
-        trail
-            Result: positions, velocities and accelerations after these, (n_t, 3, n_samples, n_eta), of the samples that
-            are advanced.
-
-        Returns
-        -------
-        outcome, n_steps
-            An `Outcome` and the number of steps taken of each sample, shape (n_samples,).
-        n_corrections
-            Newton corrections, all samples together.
-        """
-        self._lanes.regroup(moment[0].q, samples)
+    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """Take some samples through equal steps, each by itself, over edges of laws too; see `SecondOrderSystem`."""
+        moment, stepper = stretch.moment, stretch.stepper
+        self._lanes.regroup(moment.state.q, stretch.samples)
         progress = Progress(
             self._lanes.zeros(np.int64),
             self._lanes.zeros(np.int64),
             np.zeros(1, dtype=np.int64),
-            np.ascontiguousarray(beyond.T),
-            shown,
-            trail,
+            np.ascontiguousarray(stretch.beyond.T),
+            stretch.shown,
+            stretch.trail.whole,
         )
-        state, *others = moment
-        coefficients = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        scheme = stepper.scheme(stretch.step)
+        state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
         advance(
-            self._equations, self._memory, self._strengths.over(ends), self._functions, coefficients,
-            (first, ends, step), (*_parts(state), *others), self._bounds, self._lanes.sets(samples),
-            progress,
+            self._equations, self._memory, self._strengths.over(stretch.ends), self._functions,
+            (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),
+            state, self._bounds, self._lanes.sets(stretch.samples), progress,
         )  # fmt: skip
-        beyond[:] = progress.beyond.T
-        outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
-        return outcome, n_steps, int(progress.n_corrections[0])
+        stretch.beyond[:] = progress.beyond.T
+        stepper.count(progress.n_corrections, 0, 0)
+        return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
+
+    def trail(self, state: State, n: int) -> ReducedTrail:
+        """Return room for n states."""
+        return ReducedTrail((n, *state.q.shape))
+
+    def show(self, observer: Observer, numbers: np.ndarray, times: np.ndarray, trail: ReducedTrail) -> None:
+        """Show the states after some steps to an observer."""
+        observer.over(numbers, times, trail.whole)
+
+    def steps_between_looks(self, every: int | None) -> int:
+        """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`.
+
+        Few samples go further at once; of many, what is written down is to stay in the cache.
+        """
+        largest = FURTHEST if every is None else min(LARGEST * every, FURTHEST)
+        return max(1, largest // (3 * self.n_samples * self.n_eta))
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
-        for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):
+        for now, before in zip(_parts(state), _parts(previous)):
             now[samples] = before[samples]
+
+    def restore_all(self, trail: State, states: State, samples: np.ndarray) -> None:
+        """Put samples in all instants of a trail to what they are in other states."""
+        for now, before in zip(_parts(trail), _parts(states)):
+            now[:, samples] = before[:, samples]
 
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinates left the sampled range."""

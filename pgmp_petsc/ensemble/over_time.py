@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.generalised_alpha import Observer, count_steps
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.watchers import Begun, Found
@@ -75,7 +75,7 @@ class OverTimeWatcher:
         return _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
 
 
-class _OverTimeWatch:
+class _OverTimeWatch(Observer):
     """Looks at one run; `steps` are the numbers of those of the bands in this run."""
 
     def __init__(self, model: Model, begun: Begun, extremes: bool, events: dict[str, Event], steps: np.ndarray) -> None:
@@ -99,7 +99,7 @@ class _OverTimeWatch:
             self._see(number, time, state)
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `TrailObserver`."""
+        """Take in the states after many steps; see `Observer`."""
         looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
         if not isinstance(self._model, REDUCED):
             for k in looked_at:

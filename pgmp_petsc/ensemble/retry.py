@@ -1,7 +1,7 @@
 """Samples of an ensemble's file that failed, tried again; those that are fine are taken over as they are.
 
 Failed samples are integrated with the scene's step and, where they fail, with 1/2, 1/4 and so on of it, down to 1/64
-where an ensemble ends at 1/8 (`dynamics.smaller_steps`): the file is what one run with so many attempts gives.
+where an ensemble ends at 1/8 (`dynamics.generalised_alpha`): the file is what one run with so many attempts gives.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, RETRIED
+from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, RETRIED
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.allotment import Batch, Plan, SampleFile
 from pgmp_petsc.ensemble.columns import checked

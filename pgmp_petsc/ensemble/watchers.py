@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.energies import Energies, RunningBalance
-from pgmp_petsc.dynamics.generalised_alpha import Run, TrailObserver
+from pgmp_petsc.dynamics.generalised_alpha import Observer, Run
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
@@ -64,7 +64,7 @@ class Watch(Protocol):
         Takes in the states of the whole run.
     """
 
-    observer: TrailObserver
+    observer: Observer
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was found once the run has ended with the given status of all its samples.
@@ -202,10 +202,8 @@ class BalanceWatcher:
         return _BalanceWatch(begun.system, begun.samples)
 
 
-class _BalanceWatch:
+class _BalanceWatch(Observer):
     """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
-
-    every = 1
 
     def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
         self._system, self._samples = system, samples
@@ -243,7 +241,7 @@ class _BalanceWatch:
         return {"balance": dict(zip(BALANCE, kept))}
 
 
-class RangeWatch:
+class RangeWatch(Observer):
     """Sees which samples of a run leave the range, and when.
 
     Parameters
@@ -252,16 +250,9 @@ class RangeWatch:
         The model, some of whose outputs are deformations, and its samples.
     """
 
-    every = 1
-
     def __init__(self, model: FullModel | SeparateLengths, system: SecondOrderSystem) -> None:
         self._model, self._system = model, system
         self._time = np.full(system.n_samples, np.inf)
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps."""
-        for number, time, parts in zip(numbers, times, trail):
-            self(int(number), float(time), State(*parts, np.zeros(0)))
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""

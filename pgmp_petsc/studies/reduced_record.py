@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.runtime.progress import Progress
 
 
-class ReducedRecord:
+class ReducedRecord(Observer):
     """Keeps all states of a run; one of its observers.
 
     Parameters
@@ -16,8 +17,6 @@ class ReducedRecord:
     bar
         Counts the steps.
     """
-
-    every = 1
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
@@ -29,7 +28,7 @@ class ReducedRecord:
         self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `TrailObserver`."""
+        """Keep the states after many steps; see `Observer`."""
         self._keep(times, trail, times.size)
 
     def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:

@@ -31,7 +31,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.first_accelerations import n_first_steps
+from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.experiments.finished import duration_text, step_seconds

@@ -15,8 +15,7 @@ from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scen
 
 from pgmp_petsc.api.better import Correction, better_models, in_order
 from pgmp_petsc.api.ensembles import exit_status
-from pgmp_petsc.texts.ensemble_table import report
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
+from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
 from pgmp_petsc.ensemble.allotment import PILOT, Plan, SampleFile
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
@@ -32,6 +31,7 @@ from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.texts.ensemble_table import report
 
 N, K, SEED = 300, 60, 3
 EVENT = 'ensemble.probabilities.late={output="crank_angle", below=1.8e-3}'

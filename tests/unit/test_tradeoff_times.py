@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pgmp_petsc.dynamics.first_accelerations import LENGTHS
+from pgmp_petsc.dynamics.alpha_step import LENGTHS
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.studies import tradeoff_measurement
 from pgmp_petsc.studies.tradeoff_measurement import FEWEST_STEPS, Simulated
