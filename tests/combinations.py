@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from solids import body_of, matrices_of
-from spatial import SLIDER_CRANK as IN_SPACE, bar
+from spatial import SLIDER_CRANK as IN_SPACE
+from spatial import bar
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.bodies.assembled import Assembled
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities

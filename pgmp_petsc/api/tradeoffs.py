@@ -12,7 +12,7 @@ from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, directory_of, scene_and_meshes
-from pgmp_petsc.ensemble.allotment import MOST_SAMPLES
+from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError

@@ -40,7 +40,7 @@ from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.reduction.definiteness import smoother
+from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed

@@ -17,14 +17,14 @@ from pgmp_petsc.api.better import Correction, better_models, in_order
 from pgmp_petsc.api.ensembles import exit_status
 from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
-from pgmp_petsc.ensemble.allotment import PILOT, Plan, SampleFile
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
-from pgmp_petsc.ensemble.retry import read_earlier
-from pgmp_petsc.ensemble.rules import read_rule
+from pgmp_petsc.ensemble.failures import read_earlier
+from pgmp_petsc.ensemble.joined import PILOT
+from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.runner import run_batch, run_ensemble
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.ensemble.stopping import Stop
+from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.figures.ensembles import joined as picture_of_means, stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
