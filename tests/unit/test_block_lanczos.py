@@ -15,7 +15,7 @@ from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
 from pgmp_petsc.components import block_lanczos  # noqa: E402
-from pgmp_petsc.components.block_lanczos import BlockLanczos  # noqa: E402
+from pgmp_petsc.components.body_problem import BlockLanczos  # noqa: E402
 from pgmp_petsc.runtime.errors import RunError  # noqa: E402
 
 HALF, SHIFT, N_MODES = 60, -0.5, 5
