@@ -61,7 +61,7 @@ from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.ensemble.description import Kept
+    from pgmp_petsc.ensemble.checkpoint import Kept
 
 
 OPTION = "--until"

@@ -46,7 +46,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import first_ranks
+from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
@@ -58,9 +58,6 @@ from pgmp_petsc.studies.reduced_record import ReducedRecord
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-
-UNKNOWNS_PER_RANK = 3000
 
 
 def simulate(model: FullModel | ReducedModel, comm: MPI.Comm) -> Trajectory | None:

@@ -13,9 +13,9 @@ from mpi4py import MPI
 from runs import built_rom, full_model, read_meshes, rom_of, samples
 from sealed import resealed
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.plan import price_of, share_of
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.indicator.validity import BodyStrains
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
