@@ -25,9 +25,8 @@ from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
-from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.ensemble import EXTREMES
-from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
@@ -195,7 +194,7 @@ class _ValidityWatch:
 
 
 class BalanceWatcher:
-    """Draws up the balance of energy of every sample; see `results.balance`."""
+    """Draws up the balance of energy of every sample; see `results.estimates`."""
 
     def empty(self, n: int) -> Found:
         """Return the arrays of n samples of which nothing is known."""

@@ -37,7 +37,7 @@ from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import LengthLanes, ReducedModel
-from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation

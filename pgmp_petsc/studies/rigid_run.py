@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.statements import Statement, along
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import Reading
-from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene

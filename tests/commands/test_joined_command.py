@@ -13,7 +13,7 @@ import pytest
 from mpi4py import MPI
 from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
 
-from pgmp_petsc.api.better import Correction, better_models, in_order
+from pgmp_petsc.api.requests import Correction, better_models, in_order
 from pgmp_petsc.api.ensembles import exit_status
 from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import integration, joined

@@ -21,8 +21,7 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results import Derivatives
-from pgmp_petsc.results.designs import Design
-from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.design_figures import Question
