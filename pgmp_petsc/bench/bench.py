@@ -41,7 +41,7 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.first_accelerations import n_first_steps
+from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -236,8 +236,8 @@ class Bench:
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
 
     def _run(self, cases: Sequence[Case], setting: Setting) -> None:
-        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the range
-        of their coordinate."""
+        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the
+        range of their coordinate."""
         todo = [case for case in cases if (case, setting) not in self._ran]
         if not todo:
             return
