@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
+from pgmp_petsc.bodies.shape import BodyShape, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
 from pgmp_petsc.components.condensing import FACTOR_SHARE
 from pgmp_petsc.runtime.memory import free_share
@@ -67,7 +67,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
     InputError, RunError
         If the body's frames or materials are not sound, or the factorisation fails.
     """
-    solids = {name: shape for name, shape in shapes.items() if isinstance(shape, ContinuumShape)}
+    solids = {name: shape for name, shape in shapes.items() if to_condense(shape)}
     if not solids:
         return None
     name = max(solids, key=lambda key: solids[key].n_nodes * solids[key].dimension)

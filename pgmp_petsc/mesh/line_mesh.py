@@ -41,6 +41,8 @@ class LineMesh:
     points: dict[str, int] = field(default_factory=dict)
     groups: dict[str, int] = field(default_factory=dict)
 
+    kind = "line"  # meshio's name of the cells
+
     @property
     def n_nodes(self) -> int:
         """Number of nodes."""

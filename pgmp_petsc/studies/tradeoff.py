@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.experiments.finished import PAIR, Finished, step_seconds
+from pgmp_petsc.experiments.finished import Finished, step_seconds
 from pgmp_petsc.experiments.history import floors_of, largest_errors
 from pgmp_petsc.experiments.reference import Demand, Reference, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -191,7 +192,7 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     n = max((*sweep.component_modes, 1)) + FRAME_FIELDS
     flexible = sum(body.flexible for body in subject.scene.bodies.values())
-    components = PAIR * n**2 * flexible if reference.is_mesh else reference.price.step
+    components = PAIR_SECONDS * n**2 * flexible if reference.is_mesh else reference.price.step
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 
