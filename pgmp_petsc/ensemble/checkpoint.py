@@ -33,7 +33,7 @@ CURE = "nothing was written; repeat the command with --resume, which computes wh
 
 @dataclass(frozen=True)
 class Finished:
-    """What a checkpoint holds: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
+    """Contents of a checkpoint: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
 
     samples: tuple[tuple[int, int], ...]
     checked: tuple[tuple[int, int], ...]

@@ -357,7 +357,7 @@ def _estimate_remarks(
 
 @dataclass(frozen=True)
 class Origin:
-    """What samples are of.
+    """Origin of samples: the model and its scene.
 
     Attributes
     ----------
@@ -401,7 +401,7 @@ class Kept(Protocol):
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What was found and not taken up."""
+        """Remarks on files that were found and not taken up."""
 
     def columns(self) -> Columns:
         """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""

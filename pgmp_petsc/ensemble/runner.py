@@ -324,7 +324,7 @@ def _with_outputs(
 
 
 class Watching:
-    """What looks at the runs of a model's samples.
+    """Follows the runs of a model's samples.
 
     Attributes
     ----------
