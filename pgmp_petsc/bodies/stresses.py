@@ -295,13 +295,34 @@ class BeamStresses(BodyStresses):
         raise NotImplementedError(entry)
 
 
-def of_recovery(recovery: Recovery | None, scene: Scene, name: str) -> BodyStresses | None:
-    """Return the stresses of a condensed body; None where nothing brings it back to its mesh."""
-    if recovery is None:
-        return None
-    if isinstance(recovery.carrier, SolidMesh):
-        return CellStresses(scene, name, recovery.carrier)
-    return recovery.carrier.stresses(scene)
+class Recovered:
+    """What a body hands out that has a few coordinates for its mesh; see `bodies.body.Body`."""
+
+    name: str
+    #: What brings it back to its mesh, where that is known.
+    recovery: Recovery | None
+
+    @property
+    def drawn(self) -> SolidMesh | LineMesh | None:
+        """See `Body`."""
+        return None if self.recovery is None else self.recovery.mesh
+
+    def stresses(self, scene: Scene) -> BodyStresses | None:
+        """See `Body`."""
+        if self.recovery is None:
+            return None
+        carrier = self.recovery.carrier
+        return CellStresses(scene, self.name, carrier) if isinstance(carrier, SolidMesh) else carrier.stresses(scene)
+
+    @property
+    def answered(self) -> bool:
+        """See `Body`."""
+        return self.recovery is None or self.recovery.answered
+
+    @property
+    def by_node(self) -> np.ndarray:
+        """See `Body`."""
+        return self.recovery.by_node
 
 
 Points = np.ndarray  # what is known at points, shape (n_points, n_components, n)

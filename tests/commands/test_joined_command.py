@@ -25,8 +25,7 @@ from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.runner import run_batch, run_ensemble
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
-from pgmp_petsc.figures.ensembles import joined as picture_of_means
-from pgmp_petsc.figures.ensembles import stopping as picture_of_looks
+from pgmp_petsc.figures.ensembles import joined as picture_of_means, stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.errors import InputError, RunError

@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.hollow_rectangle import HollowRectangle
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.bodies.stresses import BeamLaw
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Material

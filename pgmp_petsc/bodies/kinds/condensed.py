@@ -11,15 +11,14 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, dense_entries, frame_mesh
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.kinds.rigid import STEP_SECONDS
-from pgmp_petsc.bodies.stresses import BodyStresses, of_recovery
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.stresses import Recovered
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 
 @dataclass(frozen=True, kw_only=True)
-class CondensedBody(Body):
+class CondensedBody(Recovered, Body):
     """A condensed body.
 
     Attributes
@@ -74,23 +73,9 @@ class CondensedBody(Body):
         return STEP_SECONDS
 
     @property
-    def drawn(self) -> SolidMesh | LineMesh | None:
-        """See `Body`."""
-        return None if self.component.recovery is None else self.component.recovery.mesh
-
-    def stresses(self, scene: Scene) -> BodyStresses | None:
-        """See `Body`."""
-        return of_recovery(self.component.recovery, scene, self.name)
-
-    @property
-    def answered(self) -> bool:
-        """See `Body`."""
-        return self.component.recovery is None or self.component.recovery.answered
-
-    @property
-    def by_node(self) -> np.ndarray:
-        """See `Body`."""
-        return self.component.recovery.by_node
+    def recovery(self) -> Recovery | None:
+        """See `Recovered`."""
+        return self.component.recovery
 
     def own_weights(self, kind: str) -> set[Monomial]:
         """See `Body`."""

@@ -10,15 +10,15 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, frame_mesh
 from pgmp_petsc.bodies.floating import PAIR_SECONDS, FloatingBody
-from pgmp_petsc.bodies.stresses import BodyStresses, of_recovery
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.stresses import Recovered
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyInFloatingFrame(Body):
+class BodyInFloatingFrame(Recovered, Body):
     """A body in a floating frame, whose origin is that of the body's own.
 
     Attributes
@@ -67,23 +67,9 @@ class BodyInFloatingFrame(Body):
         return PAIR_SECONDS * self.floating.n**2
 
     @property
-    def drawn(self) -> SolidMesh | LineMesh | None:
-        """See `Body`."""
-        return None if self.floating.recovery is None else self.floating.recovery.mesh
-
-    def stresses(self, scene: Scene) -> BodyStresses | None:
-        """See `Body`."""
-        return of_recovery(self.floating.recovery, scene, self.name)
-
-    @property
-    def answered(self) -> bool:
-        """See `Body`."""
-        return self.floating.recovery is None or self.floating.recovery.answered
-
-    @property
-    def by_node(self) -> np.ndarray:
-        """See `Body`."""
-        return self.floating.recovery.by_node
+    def recovery(self) -> Recovery | None:
+        """See `Recovered`."""
+        return self.floating.recovery
 
     def in_frame(self, vectors: np.ndarray, n_frame_dofs: int) -> np.ndarray:
         """See `Body`."""

@@ -11,9 +11,8 @@ import numpy as np
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
