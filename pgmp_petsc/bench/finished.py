@@ -132,18 +132,10 @@ LOCAL_EFFECT = 1.5e-5  # s, of a step of a sample, Newton corrections included
 
 @dataclass(frozen=True)
 class Price:
-    """What some runs are predicted to take.
+    """What some runs are predicted to take."""
 
-    Attributes
-    ----------
-    step
-        Processor time of a step of a sample, s.
-    steps
-        Steps of all samples together.
-    """
-
-    step: float
-    steps: float
+    step: float  # processor time of a step of a sample, s
+    steps: float  # steps of all samples together
 
     @property
     def seconds(self) -> float:

@@ -40,8 +40,8 @@ from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.mode_changes import StiffnessChanges, mode_changes
-from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
-from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
 from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
 from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
