@@ -161,6 +161,7 @@ GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hing
 #: Joints in which a bar slides and turns in a plane.
 SLIDING_AND_TURNING = {
     "pin_in_slot": (PIN,),
+    "planar": ('joints.held={type="planar", connect=["ground:origin", "bar:middle"], normal=[0, 0, 1]}', GUIDE),
 }
 
 
