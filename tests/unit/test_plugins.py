@@ -331,7 +331,7 @@ def test_commands_take_plugins_and_end_with_one_message(
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
     statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
     assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
-    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: ")]
+    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
     for name, message in zip(wrong, messages):
         assert re.search(BROKEN[name][1], message)
     assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
