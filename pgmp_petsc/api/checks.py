@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from pgmp_petsc.bodies.shape import BodyShape
-    from pgmp_petsc.components.trial import Trial
+    from pgmp_petsc.components.condensing import Trial
     from pgmp_petsc.results.selection import EffectSizes
 
 
@@ -148,7 +148,7 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
 
 
 def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:
-    from pgmp_petsc.components.trial import try_largest
+    from pgmp_petsc.components.condensing import try_largest
 
     return try_largest(scene, meshes, comm)
 

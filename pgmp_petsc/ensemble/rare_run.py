@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from pgmp_petsc.dynamics.ts_options import check_ts_options
+from pgmp_petsc.dynamics.drivers import check_ts_options
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from runs import reduced_model, rom_of
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.edge_search import EventLocation
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients import differentiated
