@@ -46,7 +46,7 @@ CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much 
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
-LOOKS, APART = 20, 10  # at the work of the coarser run; steps between two of them at least
+APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
@@ -131,9 +131,8 @@ def run_coarser(
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
-    stops = np.append(np.arange(0, n_steps, max(-(-n_steps // LOOKS), APART)), n_steps)
     stepper = GeneralisedAlpha(
-        system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None, parts=TIMES
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
     )
     mechanism = model.kinematics.mechanism
     calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
@@ -141,10 +140,16 @@ def run_coarser(
     def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
         return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
 
-    most, spent, last = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0), 0.0
-    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent + 0.5 * last <= most:
+    most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
+    dearest = 0.0  # work of a step, the most so far
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
+        # steps that half of what is left pays for at the dearest so far; the first are looked at soon
+        affords = 0.5 * (most - spent) / dearest if dearest else 0.0 if np.isfinite(most) else np.inf
+        before, begun = spent, stepper.n_done
+        stepper.stops = np.array([0, int(min(begun + max(affords, APART), n_steps))])
         stepper.advance()
-        last, spent = work(stepper, stepper.n_done) - spent, work(stepper, stepper.n_done)
+        spent = work(stepper, stepper.n_done)
+        dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
