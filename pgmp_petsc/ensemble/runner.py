@@ -1,6 +1,6 @@
 """Monte Carlo over ranks.
 
-The samples are dealt out in pieces (`pieces`): a rank integrates one as one system, a group of ranks one sample, and
+The samples are dealt out in pieces (`plan`): a rank integrates one as one system, a group of ranks one sample, and
 rank 0 puts what came out into a checkpoint while the others go on. Nothing that was computed is lost when a run is
 killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed
 and sample number alone.
@@ -20,13 +20,10 @@ from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.columns import block_of, checked, share_of
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
-from pgmp_petsc.ensemble.over_time import OverTimeWatcher
-from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
-from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
+from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import (
@@ -35,6 +32,7 @@ from pgmp_petsc.ensemble.watchers import (
     CoarserWatcher,
     ErrorWatcher,
     Found,
+    OverTimeWatcher,
     RangeWatch,
     ValidityWatcher,
     Watcher,
@@ -207,7 +205,7 @@ def run_ensemble(
     model = own.model
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
-        from pgmp_petsc.ensemble.allotment import allot  # as above
+        from pgmp_petsc.ensemble.joined import allot  # as above
 
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
     elif stop is not None:
@@ -326,7 +324,7 @@ def _with_outputs(
 
 
 class Watching:
-    """What looks at the runs of a model's samples.
+    """Follows the runs of a model's samples.
 
     Attributes
     ----------

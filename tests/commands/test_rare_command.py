@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from runs import IN_TURN, PGMP, SMALL, paper_scene, pgmp, rom_of
 
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler
