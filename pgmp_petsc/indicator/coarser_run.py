@@ -11,6 +11,8 @@ scheme alone: its amplification of a free vibration is an eigenvalue lambda of a
 ``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
 2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
 those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
+The largest of many points has kinks where another point takes over, and a kink is in all bands, of which the coarser
+run has none of the highest: there a band counts where it is `PEAK` times those around it.
 
 **Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
 the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
@@ -29,6 +31,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
 
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
@@ -50,6 +53,7 @@ APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
+PEAK, AROUND = 3.0, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
@@ -242,7 +246,7 @@ def step_errors(
     for name, values in outputs.items():
         there = other.outputs[name][:n, sample]
         differences[name] = there - CubicSpline(time, values)(at)
-        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, scene.outputs[name].kinked)
         lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
@@ -292,7 +296,7 @@ class Bands:
         """Steps between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
-    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, float]:
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: bool) -> tuple[np.ndarray, float]:
         """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
 
         Parameters
@@ -301,12 +305,16 @@ class Bands:
             An output of both runs after every step of the finer one, shape (n,).
         ratio
             Of their steps.
+        kinked
+            Whether the output has kinks.
         """
         if fine.size < 2 * self.length:
             return np.zeros(1), np.nan
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
         out = apart > LOST * amplitudes
         out[:, :LOWEST] = False
+        if kinked:
+            out &= amplitudes > PEAK * median_filter(amplitudes, (1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
         most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1])
         found = np.empty_like(amplitudes)

@@ -238,6 +238,13 @@ def test_vectors_that_vanish_somewhere_are_refused() -> None:
         Compression.of(grams, np.zeros((1, 2), dtype=bool), 2)
 
 
+def test_a_leading_vector_that_vanishes_somewhere_is_passed_over() -> None:
+    """As the answer to a spring does where that stands along a bar."""
+    grams = np.array([np.diag([4.0, 1.0, 0.5]), np.diag([4.0, 1.0, 0.5]), np.diag([0.0, 1.0, 0.5])])
+    found = Compression.of(grams, np.zeros((1, 3), dtype=bool), 2)
+    np.testing.assert_allclose(np.abs(found.matrix), [[0.0, 0.0], [1.0, 0.0], [0.0, np.sqrt(2.0)]], atol=1e-14)
+
+
 def test_vectors_that_change_their_sign_are_not_mixed_with_others() -> None:
     gram = np.array([[2.0, 1.0, 0.5], [1.0, 2.0, 0.5], [0.5, 0.5, 1.0]])
     found = Compression.of(gram[None], np.array([[False, True, False]]), 3)
