@@ -53,7 +53,7 @@ APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
-PEAK, AROUND = 3.0, 17  # of a vibration over the median of so many bands around it
+PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
@@ -243,10 +243,11 @@ def step_errors(
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     differences, lost, loudest = {}, {}, (0.0, np.nan)
+    kinked = {name for name, output in scene.outputs.items() if output.kinked}
     for name, values in outputs.items():
         there = other.outputs[name][:n, sample]
         differences[name] = there - CubicSpline(time, values)(at)
-        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, scene.outputs[name].kinked)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, name in kinked)
         lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:

@@ -180,10 +180,12 @@ def test_with_changing_modes_the_basis_is_orthonormal_at_every_angle() -> None:
     np.testing.assert_allclose(mass, np.broadcast_to(np.eye(7), mass.shape), rtol=0, atol=1e-8)
 
 
-def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch) -> None:
+@pytest.mark.parametrize("settings", [(), ("reduction.parameter_modes=0", "reduction.angles=192")])
+def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch, settings: tuple[str, ...]) -> None:
     """All vectors are turned among each other by ``R(theta)``, smoothly."""
-    scene, of = slider_crank(*FAST), ContinuousBasis.of
-    generator = np.random.default_rng(3).normal(size=(7, 7))
+    scene, of = slider_crank(*FAST, *settings), ContinuousBasis.of
+    n = rom_of(scene).tables.n_modes
+    generator = np.random.default_rng(3).normal(size=(n, n))
     generator = 0.1 * (generator - generator.T)
 
     def turned(*arguments: object) -> ContinuousBasis:
