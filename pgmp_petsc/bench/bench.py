@@ -41,7 +41,7 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.first_accelerations import n_first_steps
+from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -80,26 +80,13 @@ OF_HISTORY = "history."  # names of kept arrays that are parts of a history
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found out about a setting at a case; it is sent to the first rank, and kept.
+    """What was found out about a setting at a case; it is sent to the first rank, and kept."""
 
-    Attributes
-    ----------
-    history
-        Outputs; None where the setting failed, or its runs were too dear.
-    n_coordinates
-        Unknowns: reduced, nodal or component coordinates, or nodes of a surface.
-    cosine
-        Smallest cosine between neighbouring spaces of modes; 1 where there are none.
-    reason
-        Why there is no history; empty where there is one.
-    offline
-        Wall and processor time of what comes before the first sample, shape (2,), s; NaN where it failed.
-    """
-
-    history: History | None
-    n_coordinates: int = 0
-    cosine: float = 1.0
-    reason: str = ""
+    history: History | None  # outputs; None where the setting failed, or its runs were too dear
+    n_coordinates: int = 0  # unknowns: reduced, nodal or component coordinates, or nodes of a surface
+    cosine: float = 1.0  # smallest cosine between neighbouring spaces of modes; 1 where there are none
+    reason: str = ""  # why there is no history; empty where there is one
+    # wall and processor time of what comes before the first sample, shape (2,), s; NaN where it failed
     offline: tuple[float, float] = (np.nan, np.nan)
 
     @property
@@ -249,8 +236,8 @@ class Bench:
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
 
     def _run(self, cases: Sequence[Case], setting: Setting) -> None:
-        """Do the runs that are missing; samples of a model other than a reduced one that leave the range of their
-        coordinate have no numbers."""
+        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the
+        range of their coordinate."""
         todo = [case for case in cases if (case, setting) not in self._ran]
         if not todo:
             return
@@ -272,7 +259,8 @@ class Bench:
         else:
             key = (self.full_model.name, case, setting)
             history = self._kept("reference", key, lambda: Measured(history_of(case, setting, model))).history
-        history.outputs[..., ~history.inside] = np.nan
+        if self._subject is not None:  # a candidate cannot follow them there
+            history.outputs[..., ~history.inside] = np.nan
         return history
 
     def _kept(self, kind: str, key: object, make: Callable[[], Measured]) -> Measured:
@@ -349,8 +337,8 @@ class Bench:
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
         start, exact = perf_counter(), Setting("reference", trial.n_steps)
-        names = tuple(name for name in self._names(loads) if name not in trial.errors.loads)
-        if not names:
+        names = tuple(dict.fromkeys((*trial.errors.loads, *self._names(loads))))
+        if names == trial.errors.loads:
             return trial
         self._run([self.training.case(self.scene, name) for name in names], exact)
         errors, reason = self._endless(names), trial.reason
@@ -361,14 +349,8 @@ class Bench:
                     reason = reason or self._failures(names, trial.setting)
             except RunError as error:
                 trial, reason = replace(trial, built=False), str(error)
-        together = replace(
-            errors,
-            values=np.concatenate([trial.errors.values, errors.values]),
-            round_off=np.concatenate([trial.errors.round_off, errors.round_off]),
-            loads=(*trial.errors.loads, *names),
-        )
         seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
-        return replace(trial, errors=together, reason=reason, seconds=seconds)
+        return replace(trial, errors=errors, reason=reason, seconds=seconds)
 
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         """Compare a candidate with the full-order model at another step."""
@@ -630,15 +612,8 @@ def _now() -> np.ndarray:
 
 
 class Shelf:
-    """Models by their reduction. The same on all ranks, which take the same models in the same order.
-
-    Parameters
-    ----------
-    build
-        Builds a model; collective.
-    most_bytes
-        That all models may have together; the latest one stays, however large.
-    """
+    """Models by their reduction. The same on all ranks, which take the same models in the same order; they may have
+    `most_bytes` together, and the latest one stays, however large."""
 
     def __init__(self, build: Callable[[Reduction], ReducedOrderModel], most_bytes: int = MOST_BYTES) -> None:
         self._build, self._most = build, most_bytes

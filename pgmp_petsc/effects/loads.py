@@ -4,7 +4,7 @@ A force with a direction of the ground on a node is a load; one that turns with 
 point, and any force on a rigid body away from its centre of mass depend on the state, and are actions: on the place of
 the point along the direction, or on its distance from the other one.
 
-A torque in a revolute joint: a couple on the second body and its reaction on the first, over time.
+A torque in a joint that turns: a couple on the second body and its reaction on the first, over time.
 
 Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term.
 """
@@ -27,7 +27,7 @@ from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, on_mesh
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import apart_problems, load_problems
@@ -40,14 +40,13 @@ GROUND_ORIGIN = "ground:origin"
 
 
 class Torque(OverTime):
-    """A torque (Nm) over time on a revolute or cylindrical joint: it turns the second body, and its reaction the
-    first."""
+    """A torque (Nm) over time on a joint that turns: it acts on the second body, and its reaction on the first."""
 
     type: Literal["torque"]
     acts = "forces"
     joints = ("turning",)
     strength_unit = "N m"
-    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+    joint: str = Field(description="name of a joint that turns")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if steps do not resolve it."""
@@ -141,7 +140,7 @@ class Gravity(EffectEntry):
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
     """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and not c.joint.holds_position for c in mechanism.connections)
+    return any(c.b.node == point.node and not c.holds_position for c in mechanism.connections)
 
 
 class FixedForce(Effect):
@@ -256,8 +255,7 @@ class Weights(Effect):
         self._field = np.zeros(mechanism.n_dofs)
         mechanism.by_node(self._field)[:, : direction.size] = direction * self.acceleration.coefficient
         for body in mechanism.bodies:
-            if body.meshed is not None:
-                on_mesh(body, self._field)[:] = direction * self.acceleration.coefficient
+            body.at_points(self._field)[:] = direction * self.acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
@@ -275,7 +273,6 @@ class Weights(Effect):
             for weight, axis in product(sorted(body.translational_weights), range(self._mechanism.space.dimension)):
                 field = np.zeros_like(self._field)
                 self._mechanism.by_node(field)[body.nodes, axis] = 1.0
-                if body.meshed is not None:
-                    on_mesh(body, field)[:, axis] = 1.0
+                body.at_points(field)[:, axis] = 1.0
                 vectors.append(matrices.mass[weight] @ field)
         return vectors

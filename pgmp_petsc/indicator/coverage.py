@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.estimates import EstimatedErrors
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
@@ -195,7 +195,7 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ..
     """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
     scene, found = model.scene, []
     for name, shape in model.meshes.items():
-        if not isinstance(shape, Component) or shape.floating is None or shape.floating.curved:
+        if not lacks_foreshortening(shape):
             continue
         why = "it was built with simulation.error_indicator = false, or it is not slender"
         if scene.bodies[name].section_scale is not None:

@@ -41,7 +41,7 @@ class ConstraintJacobian:
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        held = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
+        held = [(part, c.sides) for c in mechanism.connections for part in c.statements]
         self._gradients = BodyGradients(mechanism, held + [(c.connection.angle, c.connection.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
@@ -69,9 +69,9 @@ def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequen
 def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
     """Yield the constraints between the frames of each meshed body and its mesh: the same at every configuration."""
     for body in mechanism.bodies:
-        if body.meshed is not None:
-            solid = body.meshed.solid
-            means = sp.vstack([frame.functionals(solid.mesh.n_nodes) for frame in body.meshed.frames.values()]).tocoo()
+        if body.face_frames:
+            n_points = len(body.points)
+            means = sp.vstack([frame.functionals(n_points) for frame in body.face_frames.values()]).tocoo()
             n = means.shape[0]
             nodal = body.dofs[:n]
             rows = np.concatenate([np.arange(n), means.row])
@@ -111,7 +111,7 @@ class ConstraintHessians:
         n_pose = mechanism.space.n_pose
         self._joints: list[tuple[Connection, list[Attachment], StatementRows]] = []
         for connection in mechanism.connections:
-            parts = connection.joint.statements
+            parts = connection.statements
             moving = [side for side in connection.sides if not side.on_ground]
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(

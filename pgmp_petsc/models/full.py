@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_problem import FullEquations
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed, FullStatics
 from pgmp_petsc.dynamics.rank_solver import PREFIX
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import State
@@ -34,7 +34,6 @@ from pgmp_petsc.scene import Scene
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.dynamics.full_distributed import FullDistributed
     from pgmp_petsc.models.body_fields import FullFields
 
 
@@ -124,15 +123,13 @@ class FullModel:
         """
         mechanism = self.kinematics.mechanism
         # alone, PETSc's solvers are better with the fill-in of a mesh in space
-        filled = mechanism.space is SPATIAL and any(body.meshed is not None for body in mechanism.bodies)
+        filled = mechanism.space is SPATIAL and any(len(body.points) for body in mechanism.bodies)
         if comm.size > 1 or not self._in_lanes or filled:
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
-        from pgmp_petsc.dynamics.full_distributed import FullDistributed  # small mechanisms are in lanes
-
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
         positions, rates = sized.start_of_samples(values, 1)
@@ -154,8 +151,6 @@ class FullModel:
 
     def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
-        from pgmp_petsc.dynamics.full_statics import FullStatics  # few scenes start in equilibrium
-
         theta = self._start[0]
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
@@ -243,7 +238,7 @@ class FullModel:
         from pgmp_petsc.models.field_points import FieldSet
 
         unknowns = Unknowns(self.kinematics.mechanism)
-        seen = FieldSet.of(self.scene, unknowns.bodies, self.meshes, self.scene.simulation.frames)
+        seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)
         return FullFields(seen, unknowns)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
@@ -287,4 +282,4 @@ class ComponentModel(FullModel):
     @property
     def n_amplitudes(self) -> dict[str, int]:
         """Number of component modes of every flexible body."""
-        return {body.name: body.floating.n for body in self.kinematics.mechanism.bodies if body.floating is not None}
+        return {body.name: body.n_amplitudes for body in self.kinematics.mechanism.bodies if body.n_amplitudes}

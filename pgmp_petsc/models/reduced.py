@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
-from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.dynamics.reduced_terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
@@ -180,7 +179,7 @@ class ReducedModel:
         from pgmp_petsc.models.field_points import FieldSet
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
-        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, self.meshes, frames)
+        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)
         return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:

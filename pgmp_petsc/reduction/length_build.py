@@ -33,7 +33,8 @@ from pgmp_petsc.scene.spanning_values import spanning_values
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.reduction.sample_grid import ParameterPoints
 
 Build = Callable[
     [Scene, Mapping[str, BodyShape], SampleGrid | None, "ParameterPoints | None"], "ReducedOrderModel | None"

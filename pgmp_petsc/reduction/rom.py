@@ -1,7 +1,4 @@
-"""The reduced-order model: what the offline build leaves for all simulations.
-
-Points of the parameter space at which a basis takes further modes.
-"""
+"""The reduced-order model: the result of the offline build, and all that simulations need."""
 
 from __future__ import annotations
 
@@ -34,6 +31,7 @@ from pgmp_petsc.reduction.rom_file import (
     SecondOrderFile,
     StiffnessChangesFile,
 )
+from pgmp_petsc.reduction.sample_grid import ParameterPoints
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, shapes_of
@@ -42,36 +40,6 @@ from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.length_family import LengthFamily
-
-
-@dataclass(frozen=True)
-class ParameterPoints:
-    """The points of a greedy choice.
-
-    Attributes
-    ----------
-    values
-        Values of the parameters, shape (n_points,) each.
-    missed
-        Largest share of the energy norm that the basis misses at any candidate: before, and with each further point.
-    n_vectors
-        Number of vectors that the basis takes from them.
-    """
-
-    values: dict[str, np.ndarray]
-    missed: np.ndarray
-    n_vectors: int
-
-    @property
-    def points(self) -> list[dict[str, float]]:
-        """The points one by one."""
-        n_points = len(self.missed) - 1
-        return [{name: float(column[k]) for name, column in self.values.items()} for k in range(n_points)]
-
-    @classmethod
-    def none(cls) -> ParameterPoints:
-        """Return no points."""
-        return cls({}, np.ones(1), 0)
 
 
 CURVED = ("cubic", "curved_load", "curved_inertia")  # of `SecondOrderTables`

@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
-from pgmp_petsc.reduction.rom import ParameterPoints
+from pgmp_petsc.reduction.sample_grid import ParameterPoints
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError

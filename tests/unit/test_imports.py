@@ -21,6 +21,7 @@ ORDER = (
     "solvers",
     "components",
     "mechanism",
+    "joints",
     "effects",
     "modes",
     "reduction",
@@ -51,7 +52,8 @@ NEEDS = {
     "results": {"declare"},
     "bodies": {"scene", "mesh"},
     "solvers": set(),
-    "mechanism": {"scene", "mesh", "bodies"},
+    "mechanism": {"declare", "scene", "mesh", "bodies"},
+    "joints": {"scene", "mechanism"},
     "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
@@ -99,6 +101,26 @@ def test_imports_run_one_way(package: str) -> None:
     allowed |= NEEDS.get(package, set(ORDER[: ORDER.index(package)] if package in ORDER else ()))
     for path in files(package):
         assert packages_of(path) <= allowed, f"{path.relative_to(ROOT)} imports {packages_of(path) - allowed}"
+
+
+#: What only the room of bodies asks: of what kind a body is. Elsewhere it is asked at most so often, of shapes.
+KINDS = {"Assembled", "AssembledBody", "BeamStrains", "Body", "Component", "ContinuumShape", "FloatingBody", "LineMesh"}
+KINDS |= {"Solid", "SolidMesh", "SolidStrains"}
+MOST_ASKED = 12
+
+
+def test_nobody_asks_bodies_for_their_kind() -> None:
+    """Kinds are found (`bodies.body.kinds`): no module outside their room imports one, and few ask for those of shapes."""
+    asked = []
+    for path in PACKAGE.rglob("*.py"):
+        if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":
+            continue
+        assert not any("bodies.kinds" in name for name in imports_of(path)), path
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
+                named = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+                asked += [f"{path}:{node.lineno}"] if named & KINDS else []
+    assert len(asked) <= MOST_ASKED, asked
 
 
 def test_modules_do_not_import_each_other_in_circles() -> None:
@@ -171,7 +193,7 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
     ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
     if module == "ensembles":  # what single runs and few scenes have
-        others = ["models.stresses", "outputs.stress", "reduction.length_family", "dynamics.full_distributed"]
+        others = ["models.stresses", "outputs.stress", "reduction.length_family"]
         others += ["results.tradeoff", "results.trajectory", "ensemble.correction", "bodies.large_deformation"]
         others += ["ensemble.rare_run", "ensemble.importance", "ensemble.shards"]
         assert not loaded & {f"pgmp_petsc.{name}" for name in others}

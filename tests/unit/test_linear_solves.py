@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_systems import FullDistributed
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import FullModel
 from scenes import meshes_of, slider_crank

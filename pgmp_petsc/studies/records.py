@@ -1,0 +1,143 @@
+"""What runs leave: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
+and now and then all nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from pgmp_petsc.dynamics.energies import Energies, joined
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.models.body_fields import Fields, FullFields, joined as joined_fields
+from pgmp_petsc.runtime.progress import Progress
+
+
+class FullRecord:
+    """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
+
+    Parameters
+    ----------
+    model, system
+        The model, and the system that is integrated. Collective on its communicator.
+    fields
+        What makes the fields of bodies.
+    wanted
+        Steps at which the frames of all nodes and the fields are kept.
+
+    Attributes
+    ----------
+    times
+        Instants so far, s.
+    """
+
+    def __init__(
+        self, model: FullModel, system: FullBatch | FullDistributed, fields: FullFields, wanted: Collection[int]
+    ) -> None:
+        self._model, self._system, self._of_fields, self._wanted = model, system, fields, wanted
+        self.times: list[float] = []
+        self._pending: list[State] = []
+        self._outputs: list[np.ndarray] = []
+        self._coordinates: list[np.ndarray] = []
+        self._energies: list[Energies] = []
+        self._frames: list[np.ndarray] = []
+        self._unknowns: list[np.ndarray] = []  # at frames whose fields are to come
+        self._fields: list[Fields] = []
+
+    def observe(self, step: int, time: float, state: State) -> None:
+        """Take in an instant."""
+        self.times.append(time)
+        self._pending.append(state)
+        if len(self._pending) == self._system.instants_at_once:
+            self._evaluate()
+
+    def outputs(self) -> np.ndarray:
+        """Return what the outputs are made of at all instants, shape (n_observed, n_t)."""
+        self._evaluate()
+        return np.concatenate(self._outputs, axis=-1)
+
+    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray]]:
+        """Return coordinates (n_t, n_theta), energies, and where they are wanted frames, (n_nodes, n_frame) each."""
+        self._evaluate()
+        return {
+            "coordinates": np.concatenate(self._coordinates, axis=-1).T,
+            "energies": joined(self._energies),
+            "frames": self._frames,
+        }
+
+    def fields(self) -> Fields:
+        """Return the fields of bodies where they are wanted."""
+        self._evaluate()
+        self._evaluate_fields()
+        return joined_fields(self._fields)
+
+    def _evaluate(self) -> None:
+        """Evaluate the states that wait."""
+        states, self._pending = self._pending, []
+        if not states:
+            return
+        first = len(self.times) - len(states)
+        with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
+            every = self._system.frames_over(states)
+            self._energies.append(self._system.energies_over(self.times[first:], states))
+            self._outputs.append(self._model.observed_over(self._system, states, every))
+        self._coordinates.append(self._measured(every))
+        wanted = [k for k in range(len(states)) if first + k in self._wanted]
+        self._frames += [every[..., k] for k in wanted]
+        if self._of_fields.seen.points:
+            for k in wanted:
+                self._unknowns.append(self._system.unpack(states[k].q))
+                if len(self._unknowns) == self._of_fields.at_once:
+                    self._evaluate_fields()
+
+    def _evaluate_fields(self) -> None:
+        """Evaluate the fields that wait."""
+        waiting, self._unknowns = self._unknowns, []
+        if waiting:
+            values = {name: float(np.ravel(value)[0]) for name, value in self._system.values.items()}
+            with np.errstate(all="ignore"):
+                self._fields.append(self._of_fields.of(np.concatenate(waiting, axis=1), values))
+
+    def _measured(self, every: np.ndarray) -> np.ndarray:
+        """Return the measured coordinates, shape (n_theta, n), from the frames of all nodes (n_nodes, n_frame, n)."""
+        kinematics = self._model.kinematics
+        if kinematics.mechanism.space is SPATIAL:
+            return every[0, SPATIAL.n_pose :]
+        still = np.zeros(every.shape[-1])
+        angles = [
+            [still if side.on_ground else every[side.node, 2] for side in coordinate.connection.sides]
+            for coordinate in kinematics.coordinates
+        ]
+        return np.array([b - a for a, b in angles])
+
+
+class ReducedRecord:
+    """Keeps all states of a run of one sample, and counts its steps; one of its observers."""
+
+    every = 1
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._times: list[np.ndarray] = []
+        self._states: list[np.ndarray] = []
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Keep the state after a step."""
+        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Keep the states after many steps; see `TrailObserver`."""
+        self._keep(times, trail, times.size)
+
+    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
+        self._times.append(times.copy())
+        self._states.append(trail[:, :, 0].copy())
+        self._bar.update(n_steps)
+
+    def history(self) -> tuple[np.ndarray, State]:
+        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
+        states = np.moveaxis(np.concatenate(self._states), 1, 0)
+        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))
