@@ -13,6 +13,7 @@ gives it by value. Arrays are contiguous, and are not counted as in use: the obj
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,8 @@ class ReferenceType(types.Type):
 
     def __init__(self, parts: types.NamedTuple) -> None:
         self.parts = parts
-        super().__init__(name=f"Reference({parts})")
+        # stands in the name of every function that takes it, several times in the text that LLVM reads
+        super().__init__(name=f"Reference({hashlib.sha256(str(parts).encode()).hexdigest()[:16]})")
 
 
 @typeof_impl.register(Reference)

@@ -146,7 +146,7 @@ def _evaluate_all(kind, axes, z, turned, values, gradients, hessians):
             hessians[:, :, k] = hessian
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, apart=lambda kind, axes, z, *_: z.dtype, error_model="numpy")
 def evaluate(kind, axes, z, turned, second, gradient, hessian, spare):
     """Evaluate a statement, of numbers or of vectors (`lane_items`).
 
