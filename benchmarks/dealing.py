@@ -21,8 +21,8 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.ensemble.integration import Watching, run_batch
 from pgmp_petsc.ensemble.plan import Piece, checked, pieces
-from pgmp_petsc.ensemble.runner import Watching, run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom

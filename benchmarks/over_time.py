@@ -23,8 +23,8 @@ from mpi4py import MPI
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
+from pgmp_petsc.ensemble.integration import Watching, run_batch
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
-from pgmp_petsc.ensemble.runner import Watching, run_batch
 from pgmp_petsc.ensemble.sampling import Sampler, draw
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.models import ReducedModel

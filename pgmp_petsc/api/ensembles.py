@@ -335,7 +335,7 @@ def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> No
     """Say that samples are too small to be shared among ranks, which wait for each other in every step."""
     if ranks_per_sample == 1:
         return
-    from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK  # reduced samples never need it
+    from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK  # reduced samples never need it
 
     n = model.kinematics.mechanism.n_dofs
     if n < UNKNOWNS_PER_RANK * ranks_per_sample:

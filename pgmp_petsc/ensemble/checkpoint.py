@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Self
+from typing import Protocol, Self
 from weakref import finalize
 
 import numpy as np
@@ -33,7 +33,7 @@ CURE = "nothing was written; repeat the command with --resume, which computes wh
 
 @dataclass(frozen=True)
 class Finished:
-    """What a checkpoint holds: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
+    """Contents of a checkpoint: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
 
     samples: tuple[tuple[int, int], ...]
     checked: tuple[tuple[int, int], ...]
@@ -370,3 +370,17 @@ class _Part(Mapping[str, np.ndarray]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+
+class Kept(Protocol):
+    """Samples that are finished: in a checkpoint, or in the files of shards."""
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """Remarks on files that were found and not taken up."""
+
+    def columns(self) -> Columns:
+        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
+
+    def bands(self, n: int) -> Mapping[str, np.ndarray]:
+        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""

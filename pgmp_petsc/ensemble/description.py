@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps, instants
 from pgmp_petsc.dynamics.static_equilibrium import starts_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.checkpoint import Columns
+from pgmp_petsc.ensemble.checkpoint import Kept
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
 from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
@@ -357,7 +356,7 @@ def _estimate_remarks(
 
 @dataclass(frozen=True)
 class Origin:
-    """What samples are of.
+    """Origin of samples: the model and its scene.
 
     Attributes
     ----------
@@ -394,17 +393,3 @@ class Origin:
             if share > 0.0:
                 absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
-
-
-class Kept(Protocol):
-    """Samples that are finished: in a checkpoint, or in the files of shards."""
-
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """What was found and not taken up."""
-
-    def columns(self) -> Columns:
-        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
-
-    def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""

@@ -180,7 +180,7 @@ class Earlier:
 
     @property
     def remark(self) -> Remark:
-        """What is to be said of it."""
+        """Remarks on it."""
         return note(
             f"{self.n_failed} samples that had failed in '{self.path}' were tried again with steps down to "
             f"1/{FURTHER[-1]} of simulation.step; the others are those of that file"

@@ -48,7 +48,7 @@ from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from pgmp_petsc.ensemble.runner import Integration
+    from pgmp_petsc.ensemble.integration import Integration
     from pgmp_petsc.ensemble.stopping import Stop
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them

@@ -1,4 +1,4 @@
-"""What an ensemble is asked for, which of its samples are checked, and the pieces that it is dealt out in.
+"""The plan of an ensemble: its samples, which of them are checked, and the pieces that they are dealt out in.
 
 A piece is neighbouring samples that one rank, or a group, integrates together. Most samples cost least in large
 batches, but the last pieces decide how long ranks wait for each other: pieces get smaller as fewer samples are left
@@ -178,7 +178,7 @@ class Piece:
 
     @property
     def parts(self) -> tuple[Piece, ...]:
-        """What it gives: samples, their errors, or both."""
+        """The parts it has: samples, their errors, or both."""
         if not self.is_both:
             return (self,)
         return Piece(self.first, self.last, True), Piece(self.first, self.last)

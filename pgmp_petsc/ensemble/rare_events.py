@@ -83,7 +83,7 @@ ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioan
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What a level of subset simulation found.
+    """A level of subset simulation.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.ensemble.description import Kept
+    from pgmp_petsc.ensemble.checkpoint import Kept
 
 
 OPTION = "--until"
@@ -250,7 +250,7 @@ MOST = 10**9
 
 @dataclass(frozen=True)
 class Stop:
-    """What ends an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
+    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
 
     `start` is the instant (`time.monotonic`) from which the budget counts.
     """
@@ -261,7 +261,7 @@ class Stop:
 
     @property
     def left(self) -> float:
-        """What is left of the budget, s."""
+        """Rest of the budget, s."""
         return np.inf if self.budget is None else RESERVE * self.budget - (time.monotonic() - self.start)
 
 

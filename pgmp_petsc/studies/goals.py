@@ -118,37 +118,20 @@ FIGURES = {
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal: what is made as small as it becomes is ``sense`` times the expression.
+    """A goal: what is made as small as it becomes is ``sense`` times the expression."""
 
-    Attributes
-    ----------
-    text
-        As it was written.
-    sense
-        1, or -1 of what is maximised.
-    """
-
-    text: str
-    sense: float
+    text: str  # as it was written
+    sense: float  # 1, or -1 of what is maximised
     expression: Expression
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A constraint: ``sense (left - right) <= 0``.
+    """A constraint: ``sense (left - right) <= 0``."""
 
-    Attributes
-    ----------
-    text
-        As it was written.
-    sense
-        1 of ``<=``, -1 of ``>=``.
-    left, right
-        Both sides.
-    """
-
-    text: str
-    sense: float
+    text: str  # as it was written
+    sense: float  # 1 of ``<=``, -1 of ``>=``
+    # left, right: both sides
     left: Expression
     right: Expression
 
@@ -326,18 +309,10 @@ def _joined(sign: str, left: Expression, right: Expression) -> Expression:
 
 @dataclass
 class TurnedBack:
-    """What a search turned back from.
+    """What a search turned back from."""
 
-    Attributes
-    ----------
-    count
-        How often.
-    first
-        The first place and the reason, in words.
-    """
-
-    count: int = 0
-    first: str = ""
+    count: int = 0  # how often
+    first: str = ""  # the first place and the reason, in words
 
     def add(self, error: PgmpError) -> None:
         """Take in one more."""

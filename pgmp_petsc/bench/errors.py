@@ -11,33 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.experiments.history import History
+from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.training import Training
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one kind over all training cases.
+    """Errors of one kind over all training cases."""
 
-    Attributes
-    ----------
-    values
-        Shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count.
-    round_off
-        What of it is below what counts as zero: errors as small are round-off; the same shape.
-    loads, outputs
-        Names.
-    training
-        The cases.
-    """
-
+    # shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count
     values: np.ndarray
-    round_off: np.ndarray
+    round_off: np.ndarray  # what of it is below what counts as zero: errors as small are round-off; the same shape
+    # loads, outputs: names
     loads: tuple[str, ...]
     outputs: tuple[str, ...]
-    training: Training
+    training: Training  # the cases
 
     @property
     def by_output(self) -> np.ndarray:
@@ -70,31 +59,24 @@ class Errors:
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate that was tried.
+    """A candidate that was tried."""
 
-    Attributes
-    ----------
-    reduction, n_steps
-        What it is.
-    errors
-        Against the full-order model with the same step.
-    reason
-        Why it could not be built or run; empty where it could.
-    seconds
-        Wall time of build and runs.
-    built
-        Whether it could be built.
-    histories
-        By load, on the load's rank.
-    """
-
+    # reduction, n_steps: what it is
     reduction: Reduction
     n_steps: int
-    errors: Errors
-    reason: str
-    seconds: float
-    built: bool
-    histories: Mapping[str, History] = field(repr=False)
+    errors: Errors  # against the full-order model with the same step
+    reason: str  # why it could not be built or run; empty where it could
+    seconds: float  # wall time of build and runs
+    built: bool  # whether it could be built
+
+    def at(self, n_steps: int) -> Setting:
+        """Return it as a setting, with so many steps."""
+        return Setting("reduced", n_steps, reduction=self.reduction)
+
+    @property
+    def setting(self) -> Setting:
+        """It as a setting."""
+        return self.at(self.n_steps)
 
 
 # Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took

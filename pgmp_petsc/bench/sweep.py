@@ -14,18 +14,17 @@ outputs of its runs only.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RBFInterpolator
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, own_steps, step_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.spanning_values import uncertain_names
 
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
@@ -34,112 +33,27 @@ ALONG_EACH = 0.7  # power of the angles of one coordinate that are taken along e
 
 
 @dataclass(frozen=True)
-class Setting:
-    """One way to compute the outputs of samples.
-
-    Attributes
-    ----------
-    family
-        ``reduced``, ``components``, ``full`` or ``surface``.
-    n_steps
-        Time steps over the scene's duration.
-    refinement
-        Parts that every cell of the scene's meshes is cut into.
-    nodes
-        Runs of the reference that a response surface goes through, 0 for the models.
-    component_modes
-        Modes that bodies in floating frames serve, 0 for the others.
-    reduction
-        Entries of the reduced model, None for the others.
-    """
-
-    family: str
-    n_steps: int
-    refinement: int = 1
-    nodes: int = 0
-    component_modes: int = 0
-    reduction: Reduction | None = None
-
-    @property
-    def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
-        """What is done before the first sample; settings of a model that differ in the step alone share it."""
-        steps = self.n_steps if self.nodes else 0
-        return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
-
-    def with_reduction(self, **entries: Any) -> Setting:
-        """Return the setting with other entries of the reduction."""
-        return replace(self, reduction=self.reduction.model_copy(update=entries))
-
-    def overrides(self, scene: Scene) -> list[str]:
-        """Return what to override in a scene, ``dotted.key=VALUE``; a refined mesh is not among it.
-
-        What a scene with a tolerance leaves to `pgmp build` is given too, so that it is not chosen again.
-        """
-        changes = []
-        if self.reduction is not None:
-            for key, value in self.reduction.model_dump(exclude_none=True).items():
-                if value != getattr(scene.reduction, key) or _left_open(scene.reduction, key):
-                    changes.append(f"reduction.{key}={json.dumps(value)}")
-        if self.component_modes and self.component_modes != scene.reduction.modes:
-            changes.append(f"reduction.modes={self.component_modes}")
-        simulation = scene.simulation
-        if self.n_steps != count_steps(simulation.duration, simulation.step) or _left_open(simulation, "step"):
-            changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
-        return changes
-
-
-@dataclass(frozen=True)
 class Sweep:
-    """How far each line goes.
+    """How far each line goes."""
 
-    Attributes
-    ----------
-    modes, angles, schemes
-        Of the lines through the best settings: numbers of modes and of angles, schemes of interpolation.
-    parameter_modes
-        Of the line through the best setting, where a parameter is uncertain.
-    own_modes, own_angles
-        Of the lines through the scene's setting: factors on its number of modes, and angles.
-    own_others
-        Whether lines of static modes and interpolation go through the scene's setting too.
-    finer, coarser
-        Halvings and doublings of the scene's step, of the reduced and the full-order model.
-    tensor_modes
-        Of the tensor; with and without static modes, with the scene's step and the one twice as long.
-    tensor_angles
-        Of the tensor.
-    refinements
-        Parts of every cell that both models are run with.
-    finest
-        Parts of every cell of the mesh that tells the others' discretisation errors.
-    component_modes
-        Modes that the component model's bodies serve; the last one's steps are varied.
-    surfaces
-        Number of response surfaces.
-    repeats, few_repeats
-        How often times are taken: of batches, and of builds and single samples.
-    reference_halvings
-        Halvings of the scene's step that the reference may take, on the scene's meshes and on refined ones.
-    """
-
-    modes: tuple[int, ...]
+    modes: tuple[int, ...]  # of the lines through the best settings, as are angles and schemes of interpolation
     angles: tuple[int, ...]
     schemes: tuple[str, ...]
-    parameter_modes: tuple[int, ...]
-    own_modes: tuple[float, ...]
-    own_angles: tuple[int, ...]
-    own_others: bool
-    finer: int
-    coarser: int
-    tensor_modes: tuple[int, ...]
+    parameter_modes: tuple[int, ...]  # of the line through the best setting, where a parameter is uncertain
+    own_modes: tuple[float, ...]  # factors on the scene's own number, of the line through its setting
+    own_angles: tuple[int, ...]  # of that line
+    own_others: bool  # whether lines of static modes and interpolation go through the scene's setting too
+    finer: int  # halvings of the scene's step, of the reduced and the full-order model
+    coarser: int  # doublings
+    tensor_modes: tuple[int, ...]  # with and without static modes, with the scene's step and the one twice as long
     tensor_angles: int
-    refinements: tuple[int, ...]
-    finest: int
-    component_modes: tuple[int, ...]
-    surfaces: int
-    repeats: int
-    few_repeats: int
-    reference_halvings: tuple[int, int]
+    refinements: tuple[int, ...]  # parts of every cell that both models are run with
+    finest: int  # parts of every cell of the mesh that tells the others' discretisation errors
+    component_modes: tuple[int, ...]  # that the component model's bodies serve; the last one's steps are varied
+    surfaces: int  # number of response surfaces
+    repeats: int  # how often times are taken: of batches
+    few_repeats: int  # and of builds and single samples
+    reference_halvings: tuple[int, int]  # of the scene's step that the reference may take, also on refined meshes
 
     def over(self, n_coordinates: int) -> Sweep:
         """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
@@ -153,67 +67,16 @@ class Sweep:
 
 
 FULL = Sweep(
-    modes=(2, 3, 5, 7, 10, 15, 22),
-    angles=(16, 24, 32, 64, 96),
-    schemes=("overhauser", "spline", "spectral"),
-    parameter_modes=(0, 1, 2),
-    own_modes=(0.5, 1.5),
-    own_angles=(48, 96),
-    own_others=True,
-    finer=2,
-    coarser=3,
-    tensor_modes=(4, 7, 12),
-    tensor_angles=48,
-    refinements=(2, 4),
-    finest=8,
-    component_modes=(4, 10, 22),
-    surfaces=4,
-    repeats=3,
-    few_repeats=2,
-    reference_halvings=(7, 5),
-)
+    modes=(2, 3, 5, 7, 10, 15, 22), angles=(16, 24, 32, 64, 96), schemes=("overhauser", "spline", "spectral"),
+    parameter_modes=(0, 1, 2), own_modes=(0.5, 1.5), own_angles=(48, 96), own_others=True, finer=2, coarser=3,
+    tensor_modes=(4, 7, 12), tensor_angles=48, refinements=(2, 4), finest=8, component_modes=(4, 10, 22), surfaces=4,
+    repeats=3, few_repeats=2, reference_halvings=(7, 5),
+)  # fmt: skip
 QUICK = Sweep(
-    modes=(2,),
-    angles=(24,),
-    schemes=(),
-    parameter_modes=(2,),
-    own_modes=(),
-    own_angles=(),
-    own_others=False,
-    finer=0,
-    coarser=3,
-    tensor_modes=(4, 8),
-    tensor_angles=48,
-    refinements=(2,),
-    finest=4,
-    component_modes=(4, 12),
-    surfaces=3,
-    repeats=2,
-    few_repeats=1,
-    reference_halvings=(3, 3),
-)
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a scene allows.
-
-    Attributes
-    ----------
-    n_modes
-        Flexible modes that the scene's meshes have.
-    n_loads
-        Effects that static modes can answer to.
-    second_order
-        Whether the reduced model may have terms of second order.
-    refinable
-        Whether meshes can be cut into finer ones and run as the reference: those of lines.
-    """
-
-    n_modes: int
-    n_loads: int
-    second_order: bool = True
-    refinable: bool = True
+    modes=(2,), angles=(24,), schemes=(), parameter_modes=(2,), own_modes=(), own_angles=(), own_others=False, finer=0,
+    coarser=3, tensor_modes=(4, 8), tensor_angles=48, refinements=(2,), finest=4, component_modes=(4, 12), surfaces=3,
+    repeats=2, few_repeats=1, reference_halvings=(3, 3),
+)  # fmt: skip
 
 
 def own_setting(scene: Scene) -> Setting:
@@ -270,21 +133,10 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
 def best_settings(
     settings: Sequence[Setting], worst_errors: Sequence[float], n_coordinates: Sequence[int]
 ) -> list[Setting]:
-    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough.
+    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough; none
+    where every one failed.
 
-    Parameters
-    ----------
-    settings
-        Settings that were measured.
-    worst_errors
-        Largest error of any output; NaN where a setting failed.
-    n_coordinates
-        Number of reduced coordinates.
-
-    Returns
-    -------
-    list of Setting
-        One or two; none where every reduced setting failed.
+    Errors are the largest of any output, NaN where a setting failed; numbers of coordinates are those of reduced ones.
     """
     points = [
         (error, setting.n_steps * n**2, setting)
@@ -349,30 +201,11 @@ def _adaptive(setting: Setting) -> bool:
 
 def _static(limits: Limits) -> tuple[bool, ...]:
     """Return the choices of static modes that differ: without loads there are none."""
-    return (False, True) if limits.n_loads else (False,)
+    return (False, True) if limits.n_static else (False,)
 
 
 def _within(modes: Sequence[int], limits: Limits) -> list[int]:
     return [n for n in modes if n <= limits.n_modes]
-
-
-def _left_open(table: Reduction | Simulation, key: str) -> bool:
-    """Whether a table has a tolerance and leaves an entry to the choice that follows from it."""
-    return table.tolerance is not None and key not in table.model_fields_set
-
-
-def step_of(duration: float, n_steps: int) -> float:
-    """Return the step with the fewest digits (s) that gives so many steps."""
-    for digits in range(17):
-        step = float(f"{duration / n_steps:.{digits}e}")
-        if step > 0.0 and count_steps(duration, step) == n_steps:
-            return step
-    return duration / n_steps
-
-
-def own_steps(scene: Scene) -> int:
-    """Return the number of steps that the scene asks for."""
-    return count_steps(scene.simulation.duration, scene.simulation.step)
 
 
 def _steps(n: int, finer: int, coarser: int) -> list[int]:

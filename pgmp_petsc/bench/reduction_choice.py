@@ -9,9 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.ladder import (
+from pgmp_petsc.bench.bench import Bench
+from pgmp_petsc.bench.candidates import (
     ANGLES,
     FIRST_ANGLES,
     SCHEMES,
@@ -22,8 +21,9 @@ from pgmp_petsc.selection.ladder import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
-from pgmp_petsc.selection.trial import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.errors import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
+from pgmp_petsc.runtime.errors import InputError, RunError
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")
@@ -47,18 +47,7 @@ class MoreAngles(Enum):
 class ReductionChoice:
     """Choice of what a scene leaves open of its reduction. Collective on the bench's ranks.
 
-    Parameters
-    ----------
-    bench
-        Where candidates are tried.
-    ledger
-        Takes what was tried.
-    limits
-        What the scene allows.
-    n_steps
-        Steps of all runs.
-    others
-        What the other parts of the error may be, for messages.
+    The ledger takes what was tried; all runs have `n_steps`, and `others` are what the other parts of the error may be.
     """
 
     def __init__(self, bench: Bench, ledger: Ledger, limits: Limits, n_steps: int, others: dict[str, float]) -> None:

@@ -1,0 +1,456 @@
+"""The reference: the model that errors are measured against, chosen by what its runs are predicted to take.
+
+The mesh is the truth of a scene. Where its runs take longer than ``reference.budget`` allows, the component model takes
+its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
+points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
+(`finished.Price`): the choice is the same for any number of ranks. Its step, in a trade-off, is halved until it no
+longer matters: until the last halving moved every output by less than a tenth of the smallest error that any setting
+has against it. For an integrator of order two, what remains is then a third of that move.
+
+A subject is a scene, its bodies as they come and condensed, and their rigid kinematics, made once. Numbers of steps are
+counted by the period of the first flexible mode at the start. Its frequency is the lowest one of the mechanism at
+rest, without springs, at nominal parameters; prescribed coordinates are held. Of a mesh, or of condensed bodies, it
+comes from the eigenproblem of the modes; of a reduced model from its tables; of bodies in floating frames from the same
+constraints on their frames: with the rigid motion r and amplitudes xi of every body, frames move by ``u = R r + S xi``,
+constraints say ``C u = 0``, and
+
+    (N^T K N - omega^2 N^T M N) y = 0,     N a basis of the null space of C [R S].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from scipy.linalg import block_diag, eigh, null_space
+
+from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
+from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.inertia_moments import rigid_motions
+from pgmp_petsc.bodies.matrices import mass_of_bodies
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import angle_group, condensed
+from pgmp_petsc.components.floating_frames import floating_shapes
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism, linear_fields
+from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models.model import start_of
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene and its bodies."""
+
+    scene: Scene  # as the user gave it
+    meshes: Mapping[str, BodyShape]  # the mesh of every body
+    shapes: Mapping[str, BodyShape]  # the same, bodies of continuum cells condensed
+    kinematics: RigidKinematics  # of the mechanism of `shapes`
+    n_modes: int  # modes that bodies are condensed for
+
+    @classmethod
+    def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
+        """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
+        serving = scene.model_copy(
+            update={"reduction": scene.reduction.model_copy(update={"modes": n_modes, "tolerance": None})}
+        )
+        shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
+        with agreed(group.world, "rigid kinematics"):
+            kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
+        return cls(scene, meshes, shapes, kinematics, n_modes)
+
+    def first_period(self, group: RankGroup) -> float:
+        """Return the period of the first flexible mode at the start (s). Collective on ``group.world``."""
+        with angle_group(self.shapes, group) as angles:
+            return first_period(self.scene, self.kinematics, angles.world, angles.comm)
+
+
+def takes_second_order(scene: Scene) -> bool:
+    """Return whether a reduced model of the scene may have terms of second order."""
+    asked = scene.reduction.model_copy(update={"second_order": True, "tolerance": None})
+    try:
+        check_capabilities(scene.model_copy(update={"reduction": asked}), Purpose.BUILD)
+    except InputError:
+        return False
+    return True
+
+
+CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
+FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
+MOST_POINTS = 3
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A model to measure errors against."""
+
+    model: FullModel  # the full-order model on the scene's meshes, or the component model
+    price: Price  # what its runs are predicted to take
+    why: str  # which it is and why, in a sentence
+    # largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
+    # mesh itself, and where the mesh was too dear for any run
+    from_mesh: Mapping[str, float]
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether it is the mesh itself."""
+        return not isinstance(self.model, ComponentModel)
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What files keep of it."""
+        return {
+            "model": self.model.name,
+            "predicted_seconds": self.price.seconds,
+            "why": self.why,
+            "from_mesh": dict(self.from_mesh),
+        }
+
+
+def component_model(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    comm: MPI.Comm,
+    n_modes: int | None = None,
+    kinematics: RigidKinematics | None = None,
+) -> ComponentModel:
+    """Return the component model of a scene. Collective on `comm`.
+
+    Parameters
+    ----------
+    n_modes
+        Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
+    kinematics
+        Of the same mechanism, where they are at hand.
+
+    Raises
+    ------
+    InputError
+        If a body cannot be put into a floating frame, or the scene has what such bodies do not take.
+    """
+    modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
+    serving = scene.model_copy(update={"reduction": modes})
+    with agreed(comm, "preparing the component model"):
+        bodies = Mechanism.from_scene(scene, meshes).bodies
+    shapes = floating_shapes(serving, meshes, bodies, comm)
+    with agreed(comm, "preparing the component model"):
+        return ComponentModel(scene, shapes, kinematics, comm.size)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a reference is wanted for."""
+
+    entry: str  # entry of the scene, or command, that needs it
+    steps: float  # steps of all samples and loads together
+    cases: str  # what they are of, in words
+    cure: str  # what makes it cheaper
+    n_modes: int  # modes that the component model's bodies serve
+
+
+def choose_reference(
+    scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: MPI.Comm
+) -> Reference:
+    """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If neither is within the budget and none is named; or if the component model is named and there is none.
+    """
+    wanted, budget, missing = scene.reference.model, scene.reference.budget, why_no_full_model(scene)
+    without = missing  # why it is not the mesh
+    if not missing:
+        with agreed(comm, "preparing the full-order model"):
+            mesh = FullModel(scene, meshes, kinematics)
+            of_mesh = Price(step_seconds(mesh.kinematics.mechanism), demand.steps)
+        if wanted == "mesh" or wanted == "auto" and of_mesh.seconds <= budget:
+            named = "as reference.model says" if wanted == "mesh" else f"within reference.budget = {budget:g} s"
+            why = f"reference: the mesh; its runs are predicted to take {of_mesh} of processor time, {named}"
+            return Reference(mesh, of_mesh, why, {})
+        without = f"runs of the mesh would take {of_mesh}, and reference.budget = {budget:g} s"
+    elif wanted == "mesh":
+        raise InputError(f'reference.model = "mesh": {missing}; take "components"')
+    refused = (
+        f"{demand.entry}: no reference is within reference.budget = {budget:g} s of processor time: {demand.cases} "
+        f"take {demand.steps:.2g} steps, {missing or f'predicted for the mesh {of_mesh}'}"
+    )
+    try:
+        components = component_model(scene, meshes, comm, demand.n_modes, kinematics)
+    except InputError as error:
+        if wanted == "components":
+            raise InputError(f'reference.model = "components": {error}') from error
+        raise InputError(f"{refused}; there is no component model in its place: {error}") from error
+    price = Price(step_seconds(components.kinematics.mechanism), demand.steps)
+    if wanted == "auto" and price.seconds > budget:
+        raise InputError(f"{refused}, of the component model {price}; {_cure(demand)}")
+    modes = ", ".join(f"{body} {n}" for body, n in components.n_amplitudes.items())
+    named = "as reference.model says" if wanted == "components" else without
+    why = (
+        f"reference: the component model (modes: {modes}); its runs are predicted to take {price} of processor time; "
+        f"{named}"
+    )
+    return Reference(components, price, why, {})
+
+
+def _cure(demand: Demand) -> str:
+    named = 'name reference.model ("mesh" or "components") to take it at its price'
+    return f"raise reference.budget, {named}, {demand.cure}"
+
+
+def distance_from_mesh(
+    reference: Reference,
+    meshes: Mapping[str, BodyShape],
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
+    comm: MPI.Comm,
+) -> Reference:
+    """Return a reference that says how far it is from the mesh. Collective on `comm`.
+
+    Parameters
+    ----------
+    values
+        Points to try, each of shape (n_samples,), the nominal ones first.
+    n_steps
+        Steps of both models over the whole run; few will do, both make the same errors with them.
+    """
+    if reference.is_mesh:
+        return reference
+    model, scene = reference.model, reference.model.scene
+    if why_no_full_model(scene):
+        return replace(reference, why=f"{reference.why}, and how far it is from one is not known")
+    with agreed(comm, "preparing the full-order model"):
+        mesh = FullModel(scene, meshes, model.kinematics)
+        per_step = step_seconds(mesh.kinematics.mechanism)
+    affordable = int(CHECK_SHARE * scene.reference.budget / per_step)
+    if affordable < FEWEST_STEPS:
+        unknown = (
+            f"how far it is from the mesh is not known: {FEWEST_STEPS} steps of the mesh would take "
+            f"{duration_text(FEWEST_STEPS * per_step)}; raise reference.budget, or compare pgmp simulate --components "
+            "with pgmp simulate --full"
+        )
+        return replace(reference, why=f"{reference.why}; {unknown}")
+    n_points = max(1, min(MOST_POINTS, n_samples, affordable // n_steps))
+    taken = min(n_steps, affordable)
+    window = scene.simulation.duration * taken / n_steps
+    shorter = scene.model_copy(
+        update={"simulation": scene.simulation.model_copy(update={"duration": window, "step": window / taken})}
+    )
+    chosen = [0, *_outermost(values, n_samples)][:n_points]
+    own, found = chosen[comm.rank :: comm.size], {}
+    with agreed(comm, "comparing the component model with the mesh"):
+        for point in own:
+            at = {name: column[point : point + 1] for name, column in values.items()}
+            runs = [run_history(one.with_loads(shorter), at, 1, taken) for one in (model, mesh)]
+            if any(run.status[0] != Status.FINE for run in runs):
+                failed, status = (model, runs[0].status[0]) if runs[0].status[0] else (mesh, runs[1].status[0])
+                raise RunError(
+                    f"comparing the component model with the mesh: the {failed.title} run at {_named(at)} fails: "
+                    f"{Status(status).meaning}"
+                )
+            found[point] = errors_between(*runs, floors_of(mesh))[:, 0]
+    every = {point: errors for part in comm.allgather(found) for point, errors in part.items()}
+    worst = np.nanmax([every[point] for point in chosen], axis=0)
+    names = list(model.outputs.functions)
+    apart = ", ".join(f"{name} {error:.2g}" for name, error in zip(names, worst))
+    points = " and ".join(_named({name: column[[k]] for name, column in values.items()}) for k in chosen)
+    over = "" if taken == n_steps else f" over the first {window:.3g} s of {scene.simulation.duration:g} s"
+    measured = f"it is {apart} of the largest values away from the mesh at {points}{over}, {taken} steps"
+    return replace(reference, why=f"{reference.why}; {measured}", from_mesh={n: float(e) for n, e in zip(names, worst)})
+
+
+def _outermost(values: Mapping[str, np.ndarray], n_samples: int) -> Sequence[int]:
+    """Return the points that are furthest from the first one, by the parameters' own spread, furthest first."""
+    columns = [column for column in values.values() if np.ptp(column) > 0.0]
+    if not columns:
+        return []
+    away = sum(((column - column[0]) / np.ptp(column)) ** 2 for column in columns)
+    return [int(k) for k in np.argsort(-away, kind="stable")[: n_samples - 1]]
+
+
+def _named(at: Mapping[str, np.ndarray]) -> str:
+    return ", ".join(f"{name} = {float(column[0]):.4g}" for name, column in at.items()) or "the scene's values"
+
+
+DEPENDENT = 1e-9  # of the largest singular value of the constraints: those below follow from others
+
+
+def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
+    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; the ranks of `group` share an
+    eigenproblem."""
+    frequency = 0.0
+    with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
+        frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])
+    # the first rank's: numbers of steps follow from it on all of them
+    return 1.0 / comm.bcast(frequency)
+
+
+def period_of(model: AnyModel, comm: MPI.Comm) -> float:
+    """Return the period of any model (s). Collective on `comm`."""
+    if isinstance(model, ReducedModel):
+        return on_root(comm, _of_tables, model)
+    if isinstance(model, ComponentModel):
+        return on_root(comm, _of_floating_bodies, model)
+    return first_period(model.scene, model.kinematics, comm, comm)
+
+
+def start_of_coordinates(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
+    """Return where the coordinates of a scene start, shape (n_theta,), rad."""
+    return start_of(scene, kinematics.mechanism)[0]
+
+
+def _of_tables(model: ReducedModel) -> float:
+    """Return the period of a reduced model, from its tables at the sample nearest to the start."""
+    tables, nominal, r = model.terms.tables, model.scene.nominal, model.terms.tables.n_coordinates
+    at = int(tables.samples.nearest(np.asarray(model.start[0])[None])[0])
+    mass = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.mass_weights, tables.mass[at]))
+    total = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.stiffness_weights, tables.stiffness[at]))
+    free = [k for k, coordinate in enumerate(model.kinematics.coordinates) if not coordinate.prescribed]
+    kept = [*free, *range(r, len(mass))]
+    stiffness = block_diag(np.zeros((len(free), len(free))), total)
+    return _period(stiffness, mass[np.ix_(kept, kept)], len(free))
+
+
+def _of_floating_bodies(model: ComponentModel) -> float:
+    """Return the period of bodies in floating frames."""
+    kinematics, nominal = model.kinematics, model.scene.nominal
+    mechanism = kinematics.mechanism
+    pose = kinematics.poses(start_of_coordinates(model.scene, kinematics)[None])[..., 0]
+    clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+    moved, masses, stiffnesses = [], [], []
+    for body in mechanism.bodies:
+        rigid = linear_fields(body)[: body.node_dofs * body.n_nodes] @ rigid_motions(np.zeros(body.mesh.nodes.shape[1]))
+        columns = np.zeros((mechanism.n_dofs, rigid.shape[1] + (0 if body.floating is None else body.floating.n)))
+        columns[body.dofs[: len(rigid)], : rigid.shape[1]] = rigid
+        mass, stiffness = np.zeros((2, columns.shape[1], columns.shape[1]))
+        if body.floating is not None:
+            shapes = body.floating.shapes.reshape(-1, body.floating.n)
+            columns[body.dofs[: len(shapes)], rigid.shape[1] :] = shapes
+            mass = _inertia(body, nominal)
+            own = slice(rigid.shape[1], None)
+            stiffness[own, own] = _sum(body.floating.stiffness, nominal)
+        moved.append(columns)
+        masses.append(mass)
+        stiffnesses.append(stiffness)
+    motion = np.hstack(moved)
+    # what is not in floating frames: rigid bodies, and masses at frames
+    others = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+    mass = block_diag(*masses) + sum(
+        float(weight.evaluate(nominal)) * (motion.T @ (matrix @ motion)) for weight, matrix in others.items()
+    )
+    held = constraint_jacobian(mechanism, pose, clamped) @ motion
+    free = null_space(held, rcond=DEPENDENT)
+    n_rigid = len(kinematics.coordinates) - len(clamped)
+    return _period(free.T @ block_diag(*stiffnesses) @ free, free.T @ mass @ free, n_rigid)
+
+
+def _inertia(body: Body, nominal: dict[str, float]) -> np.ndarray:
+    """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
+    floating, d = body.floating, body.mesh.nodes.shape[1]
+    moments, n_rigid = _sum(floating.moments, nominal), d * (d + 1) // 2
+    rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
+    for k in range(d):
+        # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
+        fields = np.zeros((len(moments), n_rigid + floating.n))
+        fields[0, :n_rigid], fields[1 : 1 + d, :n_rigid] = rigid[k], rigid[d + d * k : d + d * (k + 1)]
+        own = slice(1 + d + k * floating.n, 1 + d + (k + 1) * floating.n)
+        fields[own, n_rigid:] = np.eye(floating.n)
+        total += fields.T @ moments @ fields
+    return total
+
+
+def _sum(terms: dict[Monomial, np.ndarray], values: dict[str, float]) -> np.ndarray:
+    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
+
+
+def _period(stiffness: np.ndarray, mass: np.ndarray, n_rigid: int) -> float:
+    """Return the period of the lowest eigenvalue but those of the rigid motion."""
+    values = eigh(stiffness, mass, eigvals_only=True, subset_by_index=(0, n_rigid))
+    return float(2.0 * np.pi / np.sqrt(values[n_rigid]))
+
+
+OF_SMALLEST = 0.1  # error of any setting: what the last halving may move
+ORDER = 2
+ROUND_OFF = 1e-12  # a move that small is none
+MOST_AT_ONCE = 3  # halvings that are asked for together: a prediction by the order is no more than that
+
+
+class ReferenceSequence:
+    """Runs of a reference on one mesh, with steps that are halved, from a `first` number on to the most allowed; below
+    `floors`, shape (n_outputs,), outputs count as zero."""
+
+    def __init__(self, first: int, most: int, floors: np.ndarray) -> None:
+        self._first, self._most, self._floors = first, max(most, 2 * first), floors
+        self._runs: dict[int, History] = {}
+        self.failure = ""  # why it was given up
+
+    def add(self, n_steps: int, run: History) -> None:
+        """Take in a run; the one with twice its steps comes next."""
+        self._runs[n_steps] = run
+
+    @property
+    def usable(self) -> bool:
+        """Whether there are two runs, so that one can tell how fine the finest is."""
+        return len(self._runs) > 1
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of the finest run."""
+        return max(self._runs)
+
+    @property
+    def history(self) -> History:
+        """The finest run."""
+        return self._runs[self.n_steps]
+
+    @property
+    def moved(self) -> np.ndarray:
+        """By how much the last halving moved each output, as `largest_errors`, shape (n_outputs,)."""
+        return largest_errors(self._runs[self.n_steps // 2], self.history, self._floors)
+
+    def wanted(self, smallest: np.ndarray) -> list[int]:
+        """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell from
+        the smallest error of any setting in each output, shape (n_outputs,), infinite or NaN where there is none."""
+        if self.failure:
+            return []
+        if not self.usable:
+            return [self._first, 2 * self._first]
+        if self.settled(smallest):
+            return []
+        halvings = np.ceil(np.log(self._excess(smallest)) / np.log(2**ORDER))
+        finer = [self.n_steps * 2**k for k in range(1, int(np.clip(halvings, 1, MOST_AT_ONCE)) + 1)]
+        return [n for n in finer if n <= self._most]
+
+    def settled(self, smallest: np.ndarray) -> bool:
+        """Whether the last halving moved every output by less than a tenth of its smallest error."""
+        return not self._excess(smallest) >= 1.0
+
+    def reason(self, smallest: np.ndarray) -> str:
+        """Say why the step is not halved again."""
+        if self.failure:
+            return f"a finer run failed: {self.failure}"
+        if self.settled(smallest):
+            return f"the last halving moved no output by {OF_SMALLEST:g} of its smallest error"
+        return "the finest step that is allowed"
+
+    def _excess(self, smallest: np.ndarray) -> float:
+        """Return the move over the allowed one, the largest of any output."""
+        wanted = OF_SMALLEST * np.where(np.isnan(smallest), np.inf, smallest)
+        known = np.isfinite(self.moved) & (self.moved > ROUND_OFF)
+        with np.errstate(divide="ignore"):
+            return float(np.max(self.moved[known] / wanted[known], initial=0.0))
