@@ -68,6 +68,8 @@ def _type_of(part: Any) -> types.Type:
     if isinstance(part, np.ndarray):
         key = _kind_of(part)
         if key not in _TYPES:
+            if not part.flags.c_contiguous:
+                raise ValueError(f"an array of shape {part.shape} is not contiguous: its strides are not in the table")
             _TYPES[key] = typeof(part)
         return _TYPES[key]
     if not isinstance(part, tuple):

@@ -59,6 +59,9 @@ def njit(
     first called, once for each set of types: what a scene has not is not compiled. Such a call takes a nanosecond and
     1.4 for each array among its arguments, so that it is for functions that do much. `apart` is True where nothing is
     returned, else the type of what is, or what gives it from the types of the arguments.
+
+    What lets Python call a function, arguments taken from their objects and the function once more, is compiled for
+    entries, and for others where Python calls them: without it, `linked`, other functions call them.
     """
 
     def decorate(function: Callable) -> Callable:
@@ -68,11 +71,20 @@ def njit(
         if numba.config.DISABLE_JIT:
             return dispatcher
         dispatcher._compilation_chain_init_hook = _no_extensions
+        kind = _EntryCache if entry or apart else _LenientCache
         if cache:
-            dispatcher._cache = (_EntryCache if entry or apart else _LenientCache)(function)
+            dispatcher._cache = kind(function)
+        if entry:
+            return dispatcher
+        linked = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(function)
+        linked._compilation_chain_init_hook = _no_extensions
+        if cache:
+            linked._cache = kind(function, "-linked")
+        dispatcher.linked = linked
+        dispatcher.get_call_template, dispatcher.get_overload = linked.get_call_template, linked.get_overload
         if apart:
-            dispatcher.get_call_template = functools.partial(_call_template, dispatcher, apart)
-            dispatcher.get_overload = functools.partial(_call_of, dispatcher, apart)
+            dispatcher.get_call_template = functools.partial(_call_template, linked, apart)
+            dispatcher.get_overload = functools.partial(_call_of, linked, apart)
         return dispatcher
 
     return decorate
@@ -82,12 +94,12 @@ class NotCompiledError(RuntimeError):
     """A function could not be compiled when it was called; why is written to standard error."""
 
 
-def _call_template(dispatcher: Any, returns: Any, args: tuple, kws: dict) -> tuple:
+def _call_template(linked: Any, returns: Any, args: tuple, kws: dict) -> tuple:
     """Return the signature of a call of a function apart, in numba's form; nothing is compiled."""
-    pysig, folded = dispatcher._compiler.fold_argument_types(args, kws)
+    pysig, folded = linked._compiler.fold_argument_types(args, kws)
     takes = tuple(types.unliteral(one) for one in folded)
     signature = typing.signature(_returned(returns, takes), *takes)
-    name = dispatcher.py_func.__name__
+    name = linked.py_func.__name__
     return typing.make_concrete_template(name, key=name, signatures=[signature]), pysig, folded, {}
 
 
@@ -97,21 +109,21 @@ def _returned(returns: Any, takes: tuple) -> types.Type:
     return returns if isinstance(returns, types.Type) else returns(*takes)
 
 
-def _call_of(dispatcher: Any, returns: Any, signature: Any) -> Any:
+def _call_of(linked: Any, returns: Any, signature: Any) -> Any:
     """Return the key of what numba lowers a call of a function apart by."""
     arguments = tuple(sigutils.normalize_signature(signature)[0])
     returned = _returned(returns, arguments)
-    function = dispatcher.py_func
+    function = linked.py_func
     text = f"{function.__module__}.{function.__qualname__}{arguments}"
     key = f"{function.__qualname__}:{hashlib.sha256(text.encode()).hexdigest()}"
     _make_slot(key, function.__module__, function.__qualname__, arguments)
-    if not dispatcher.targetctx._defns[key].versions:
+    if not linked.targetctx._defns[key].versions:
 
         def call(context: Any, builder: ir.IRBuilder, sig: Any, args: Sequence) -> ir.Value:
             return _lower_call(context, builder, key, returned, arguments, args)
 
         call.signature, call.libs = arguments, ()
-        dispatcher.targetctx._defns[key].append(call, call.signature)
+        linked.targetctx._defns[key].append(call, call.signature)
     return key
 
 
@@ -151,9 +163,9 @@ def _make(address: int) -> int:
     """Compile, or load, the function apart whose word has an address; return 0, or which exception to raise."""
     try:
         word, module, name, arguments = next(one for one in _slots.values() if ctypes.addressof(one[0]) == address)
-        dispatcher = getattr(import_module(module), name)
-        dispatcher.compile(arguments)
-        made = dispatcher.overloads[arguments]
+        linked = getattr(import_module(module), name).linked
+        linked.compile(arguments)
+        made = linked.overloads[arguments]
         word.value = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
     except KeyboardInterrupt:
         return 2
@@ -198,8 +210,8 @@ class _LenientCache(FunctionCache):
     along, and looking for a folder tries to write there.
     """
 
-    def __init__(self, function: Callable) -> None:
-        self._function, self._is_open = function, False
+    def __init__(self, function: Callable, ending: str = "") -> None:
+        self._function, self._ending, self._is_open = function, ending, False
 
     def _open(self) -> bool:
         """Look for the folder, unless that was done; return whether there is one."""
@@ -207,9 +219,8 @@ class _LenientCache(FunctionCache):
             self._is_open, self._enabled = True, False
             try:
                 super().__init__(self._function)
-                mark = source_mark(self._function.__module__)
-                if mark is not None:
-                    self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, mark)
+                mark = source_mark(self._function.__module__) or self._impl.locator.get_source_stamp()
+                self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base + self._ending, mark)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
         return self._enabled

@@ -97,7 +97,7 @@ from apart import added, halved, wrong
 from caller import quartered
 from pgmp_petsc.runtime.compiled import NotCompiledError, cache_problem
 print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
-print([sum(found.stats.cache_hits.values()) for found in (halved, added, quartered)], len(wrong.overloads))
+print([sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)], len(wrong.linked.overloads))
 code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
 print("define" in code and "mul" in code)
 try:
