@@ -41,7 +41,7 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.first_accelerations import n_first_steps
+from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -38,7 +38,7 @@ from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.served_range import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
-from pgmp_petsc.results.errors import limits_of
+from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names

@@ -31,7 +31,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
+from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, warning
 from pgmp_petsc.runtime.files import RunRecord

@@ -10,7 +10,7 @@
     history     = output | "abs" "(" output ")"
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
-(`results/derivatives.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
+(`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
 the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
 
 Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
-from pgmp_petsc.results.derivatives import Vertex, vertex
+from pgmp_petsc.results.gradients import Vertex, vertex
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, warning
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")

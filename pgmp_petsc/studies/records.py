@@ -8,8 +8,7 @@ from collections.abc import Collection
 import numpy as np
 
 from pgmp_petsc.dynamics.energies import Energies, joined
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel

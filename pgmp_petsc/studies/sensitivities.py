@@ -13,7 +13,7 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.indicator.coverage import polynomials_of_lengths
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
+from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note
 from pgmp_petsc.runtime.files import RunRecord

@@ -12,10 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import (
+    Attempt,
+    Run,
+    Together,
+    count_steps,
+    integrate,
+    integrate_with_smaller_steps,
+)
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.static_equilibrium import require_settled, start_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import CoarserRun, coarser, run_coarser, step_errors
@@ -35,7 +41,7 @@ from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.tables import smoother
-from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
+from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import Remark, note, warning

@@ -10,7 +10,7 @@ import pytest
 
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
-from pgmp_petsc.dynamics.first_accelerations import LENGTHS
+from pgmp_petsc.dynamics.alpha_step import LENGTHS
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene.numerics import Reduction
 from scenes import meshes_of, slider_crank
