@@ -185,7 +185,7 @@ def _output(output: Output) -> str:
 
 
 def _action(action: ActionInC) -> str:
-    who = ", ".join(map(str, (*action.nodes, action.strength, f"law_{action.law.name}")))
+    who = ", ".join(map(str, (*action.nodes, action.strength, action.edge, len(action.law.edges), f"law_{action.law.name}")))
     return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 

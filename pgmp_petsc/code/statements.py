@@ -53,12 +53,14 @@ class StatementInC:
 
 @dataclass(frozen=True, eq=False)
 class ActionInC:
-    """A local effect: numbers of its nodes among those of all effects, and of its strength, -1 where it has none."""
+    """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of the
+    first edge of its law among those of all."""
 
     statement: StatementInC
     nodes: tuple[int, int]
     law: Law
     strength: int
+    edge: int
     winding: tuple[float, ...]
 
 
@@ -89,8 +91,9 @@ def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[fl
 
 
 def action_in_c(
-    action: Action, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str], winding: np.ndarray
-) -> ActionInC:
+    action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
+    winding: np.ndarray,
+) -> ActionInC:  # fmt: skip
     """Return a local effect; `nodes` are those of all of them, `strengths` the names of what acts over time."""
     a, b = action.sides
     return ActionInC(
@@ -98,6 +101,7 @@ def action_in_c(
         tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b)),
         action.law,
         -1 if action.amplitude is None else strengths.index(action.effect),
+        edge,
         tuple(float(turns) for turns in winding),
     )
 

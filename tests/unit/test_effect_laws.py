@@ -89,8 +89,8 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 def evaluated_in_c(
     library: ctypes.CDLL, law: Law, p: np.ndarray, amplitude: float, s: float, rate: float, about: float
 ) -> np.ndarray:
-    """Return force, stiffness, damping and about."""
-    found, pointer = np.zeros(4), ctypes.POINTER(ctypes.c_double)
+    """Return force, stiffness, damping, about and how far edges are crossed."""
+    found, pointer = np.zeros(4 + len(law.edges)), ctypes.POINTER(ctypes.c_double)
     function = getattr(library, f"law_{law.name}")
     function.argtypes, function.restype = [pointer, *[ctypes.c_double] * 4, pointer], None
     function(p.ctypes.data_as(pointer), amplitude, s, rate, about, found.ctypes.data_as(pointer))
@@ -117,7 +117,7 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
         np.testing.assert_allclose(law.evaluate(p, s, rate, amplitude, about), found, rtol=1e-15, atol=1e-15)
         np.testing.assert_array_equal(law.depths(p, s), depths)
         of_c = evaluated_in_c(in_c, law, p, amplitude, s, rate, about)
-        np.testing.assert_allclose(of_c, [*found[:3], found[5]], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(of_c, [*found[:3], found[5], *depths], rtol=1e-13, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", STATES)
