@@ -325,6 +325,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "N_LOAD_TERMS": len(terms.tables.load_weights),
         "N_PARAMETERS": len(tunable(model.scene)),
         "N_OUTPUTS": len(model.scene.outputs),
+        "READS_RATES": int(model.outputs.n_rates > 0),
         "N_SHAPES": tables["shapes_table"].shape[2],
         "N_BODIES": tables["branch_table"].shape[2],
         "N_BRANCH_PARTS": len(tables["branch_table"]),
@@ -383,16 +384,16 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.reads == "frames"}
+    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads != "frames"]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads == "frames")
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
     return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
 
 

@@ -66,13 +66,15 @@ class ActionInC:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """An output: kind, statement or point (side b), axis, whether that is one of the body, and what counts as zero."""
+    """An output: kind, statement or point (side b), axis, whether that is one of the body, what counts as zero, and
+    whether it is the rate of all this."""
 
     kind: str
     statement: StatementInC
     axis: int = 0
     in_body: bool = False
     origin: float = 0.0
+    rate: bool = False
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
@@ -111,9 +113,8 @@ def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Out
     kinematics, reading = model.kinematics, model.outputs.functions[name]
     a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
     statement = reading.statement or distance(kinematics.mechanism.space.dimension)
-    return Output(
-        reading.kind, StatementInC(statement, a, b, _near(reading.turns)), reading.axis, reading.in_body, reading.origin
-    )
+    in_c = StatementInC(statement, a, b, _near(reading.turns))
+    return Output(reading.kind, in_c, reading.axis, reading.in_body, reading.origin, reading.rate)
 
 
 def _near(turns: JointTurns | None) -> tuple[float, ...]:

@@ -42,7 +42,10 @@ EXPORT status FMI(SetTime)(instance c, real time) {
     return FMI(OK);
 }
 
-EXPORT status FMI(SetContinuousStates)(instance c, const real x[], size_t n) { return (status)unit_set_states(c, n, x); }
+EXPORT status FMI(SetContinuousStates)(instance c, const real x[], size_t n) {
+    return (status)unit_set_states(c, n, x);
+}
+
 EXPORT status FMI(GetContinuousStates)(instance c, real x[], size_t n) { return (status)unit_get_states(c, n, x); }
 EXPORT status FMI_DERIVATIVES(instance c, real x[], size_t n) { return (status)unit_get_derivatives(c, n, x); }
 

@@ -242,7 +242,8 @@ static int narrow(struct bracket *s, double tolerance) {
 }
 
 /* Finds when an edge is reached in the time `rest` up to an end, where its depth is known; returns whether it was. */
-static int find_edge(struct pgmp_model *m, int edge, double rest, double end, double depth, int *n_trials, double *root) {
+static int find_edge(struct pgmp_model *m, int edge, double rest, double end, double depth, int *n_trials,
+                     double *root) {
     const double sign = m->beyond[edge] ? -1.0 : 1.0;
     struct bracket s = {.b = rest, .fb = sign * depth, .a = SHORTEST * rest};
     struct trial t;

@@ -1,4 +1,5 @@
-/* A reduced mechanism in C99: steps of bounded work (MAX_TRIALS where laws have edges), no allocation, no library but libm.
+/* A reduced mechanism in C99: steps of bounded work (with laws that have edges MAX_TRIALS and more), no allocation, no
+   library but libm.
 
    written by pgmp_petsc
 

@@ -24,7 +24,7 @@ typedef void law_function(const double p[], double amplitude, double s, double r
 /* A local effect: numbers of its nodes among those of the effects, -1 on the ground, of its strength, and of
    its first edge among those of all; how many edges its law has. */
 struct action { int a, b, strength, edge, n_edges; law_function *law; double winding[R]; struct statement statement; };
-struct output { int kind, axis, in_body; double origin; struct statement statement; };
+struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
 
 enum { MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING };
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
