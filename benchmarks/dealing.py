@@ -3,7 +3,7 @@
     python -m benchmarks.dealing ROM.h5 -n 10000
 
 Pieces of several sizes are integrated on one rank, with estimates of errors and without, and their processor times fit
-by a straight line in the number of samples. The pieces of `ensemble.pieces` are then dealt to more and more ranks as
+by a straight line in the number of samples. The pieces of `ensemble.plan` are then dealt to more and more ranks as
 `runtime.dealing` deals them: one each at first, then the next one to whoever is ready. Beside it stands the scheme of
 rounds: batches of `ensemble.batch`, all ranks wait for the slowest of each round, and the samples that are checked are
 in one of them.
@@ -21,9 +21,8 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.ensemble.columns import checked
-from pgmp_petsc.ensemble.pieces import Piece, pieces
-from pgmp_petsc.ensemble.runner import Watching, run_batch
+from pgmp_petsc.ensemble.integration import Watching, run_batch
+from pgmp_petsc.ensemble.plan import Piece, checked, pieces
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom

@@ -37,11 +37,11 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
+from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.experiments.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel

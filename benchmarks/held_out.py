@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.bench.history import errors_between, floors_of, run_history
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.effects.loads import Force, Torque
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel

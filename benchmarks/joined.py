@@ -25,12 +25,10 @@ from scipy import stats
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.correction import corrected
-from pgmp_petsc.ensemble.designs import Replicates
-from pgmp_petsc.ensemble.looks import level_of_each
-from pgmp_petsc.ensemble.rules import Rule
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.sampling import Replicates
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.ensemble.stopping import Seen, Stop, stages
+from pgmp_petsc.ensemble.stopping import Rule, Seen, Stop, level_of_each, stages
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc

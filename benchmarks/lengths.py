@@ -23,7 +23,7 @@ from benchmarks.tables import Table
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import Model, ReducedModel, of_samples

@@ -21,13 +21,12 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
-from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
-from pgmp_petsc.ensemble.over_time import OverTimeWatcher
-from pgmp_petsc.ensemble.pieces import Piece
-from pgmp_petsc.ensemble.runner import Watching, run_batch
+from pgmp_petsc.ensemble.integration import Watching, run_batch
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
+from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.runtime.ending import end, guarded

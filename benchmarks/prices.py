@@ -1,4 +1,4 @@
-"""What steps of the models take: measured, beside what `experiments.price` predicts from sizes.
+"""What steps of the models take: measured, beside what `bench.finished` predicts from sizes.
 
 python -m benchmarks.prices SCENE ...
 """
@@ -13,9 +13,9 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.bench.finished import step_seconds
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
-from pgmp_petsc.experiments.finished import step_seconds
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError

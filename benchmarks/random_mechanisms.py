@@ -20,7 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.effectivity import FACTOR, Case, compare, refer
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel

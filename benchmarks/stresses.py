@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom

@@ -28,10 +28,9 @@ from mpi4py import MPI
 from scipy import stats
 
 from benchmarks.tables import Table
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.designs import Blocks, Replicates
-from pgmp_petsc.ensemble.runner import run_batch
-from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.sampling import Blocks, Replicates, Sampler
 from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
 from pgmp_petsc.ensemble.statistics import describe, of_event
 from pgmp_petsc.models import ReducedModel

@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 #: Classes of the interface, and the modules that have them; its functions are found (`api.found`).
 _CLASSES = {
     "Scene": "scene",
-    "Shard": "ensemble.allotment",
+    "Shard": "ensemble.plan",
     "Correction": "api.better",
     "Stopping": "api.requests",
     "Robust": "api.designs",

@@ -16,13 +16,15 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from solids import body_of, matrices_of
-from spatial import SLIDER_CRANK as IN_SPACE, bar
+from spatial import SLIDER_CRANK as IN_SPACE
+from spatial import bar
 from two_coordinates import DOUBLE_PENDULUM
 
+from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.bodies.assembled import Assembled
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
@@ -35,7 +37,6 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import SLIDER_CRANK, meshes_of
 

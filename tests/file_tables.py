@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import Row, described
+from pgmp_petsc.reduction.rom_file import RomFile
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.results.readers import READERS
 from pgmp_petsc.results.shard import ShardSamples
@@ -17,7 +18,8 @@ from pgmp_petsc.runtime.claims import KINDS
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"
 HEADING = "## What is in them\n"
 OPENING = """
-Made by `python tests/file_tables.py` from the declarations in `pgmp_petsc/results/`. Sizes have names; equal names in
+Made by `python tests/file_tables.py` from the declarations in `pgmp_petsc/results/` and
+`pgmp_petsc/reduction/rom_file.py`. Sizes have names; equal names in
 a table are equal sizes, `?` is an axis that is not there where its size is 1, `...` is any shape. `<name>` is the name
 of an output, a parameter, an effect, a body or an event, `<frame>` a number (`00000`), `<unit>` the unit of what is
 named. `path@key` is an attribute. Numbers of a row with a `*` may be missing (NaN). Every dataset has attributes `unit`
@@ -29,7 +31,8 @@ PARTS = {"the part of a reduced model on its tolerances": Selection, "the part o
 
 def tables() -> str:
     """Return the section of the page."""
-    kinds: dict[str, type[Record]] = {KINDS[kind].capitalize(): reader for kind, reader in READERS.items()}
+    readers = {RomFile.kind: RomFile, **READERS}
+    kinds: dict[str, type[Record]] = {KINDS[kind].capitalize(): reader for kind, reader in readers.items()}
     kinds |= {KINDS["shard"].capitalize(): ShardSamples, **{name.capitalize(): kind for name, kind in PARTS.items()}}
     return "\n".join([HEADING + OPENING, *(_table(name, kind) for name, kind in kinds.items())])
 
@@ -40,7 +43,7 @@ def _table(name: str, kind: type[Record]) -> str:
 
 
 def _line(row: Row) -> str:
-    sizes = "" if "@" in row.place and not row.sizes else f"({', '.join(row.sizes)})"
+    sizes = "" if ("@" in row.place or not row.unit) and not row.sizes else f"({', '.join(row.sizes)})"
     place = row.place if row.place.startswith("@") else f"/{row.place}"
     cells = (f"`{place}`{' *' if row.gaps else ''}", sizes, row.unit, row.about)
     return "| " + " | ".join(cell.replace("<", "&lt;") if cell is not cells[0] else cell for cell in cells) + " |"

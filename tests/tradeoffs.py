@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
+from pgmp_petsc.bench.sweep import Sweep
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.tradeoff import measure_tradeoff
-from pgmp_petsc.studies.tradeoff_settings import Sweep
 from scenes import SLIDER_CRANK, meshes_of
 
 # the fewest settings in which every kind of line occurs

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from benchmarks.paper.results import MODELS, PaperResults
 from benchmarks.tables import Table, number
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel

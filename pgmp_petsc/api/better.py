@@ -159,7 +159,7 @@ def _model(one: Correction, own: Model, source: object, comm: MPI.Comm) -> Model
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
     if one.model == "components":
-        from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
+        from pgmp_petsc.bench.reference import component_model  # eigensolvers take a noticeable time
 
         return component_model(scene, meshes, comm)
     with agreed(comm, "preparing the full-order model"):

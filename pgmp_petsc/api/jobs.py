@@ -18,10 +18,10 @@ from pgmp_petsc.api.modes import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.bench.finished import Price, step_seconds
+from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.experiments.finished import Price, step_seconds
-from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, component_model
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

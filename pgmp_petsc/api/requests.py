@@ -9,10 +9,9 @@ from os import PathLike
 from pathlib import Path
 
 from pgmp_petsc.api.better import Correction, in_order
-from pgmp_petsc.ensemble.allotment import MOST_SAMPLES, Plan, SampleFile, Shard
-from pgmp_petsc.ensemble.rules import read_rule
+from pgmp_petsc.ensemble.plan import MOST_SAMPLES, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
-from pgmp_petsc.ensemble.stopping import Stop
+from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
 from pgmp_petsc.runtime.errors import InputError

@@ -7,7 +7,7 @@ terms with the same monomial are one term.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,6 +130,57 @@ class Quantity:
 
     def __pow__(self, exponent: int) -> Quantity:
         return Quantity(self.coefficient**exponent, self.monomial**exponent)
+
+
+@dataclass(frozen=True)
+class AffineSum:
+    """A sum of quantities, closed under sums and products.
+
+    Attributes
+    ----------
+    terms
+        Monomials, each once, with their coefficients.
+    """
+
+    terms: tuple[tuple[Monomial, float], ...]
+
+    @classmethod
+    def of(cls, entry: float | str) -> AffineSum:
+        """Make a sum of one term from a scene entry: a number, or a parameter's name."""
+        return cls.total(Quantity.of(entry))
+
+    @classmethod
+    def total(cls, *parts: Quantity) -> AffineSum:
+        """Return the sum of quantities."""
+        found: dict[Monomial, float] = {}
+        for part in parts:
+            found[part.monomial] = found.get(part.monomial, 0.0) + part.coefficient
+        return cls(tuple(found.items()))
+
+    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the sum at the given parameter values."""
+        return sum(part.at(values) for part in self)
+
+    def __iter__(self) -> Iterator[Quantity]:
+        return (Quantity(coefficient, monomial) for monomial, coefficient in self.terms)
+
+    def __add__(self, other: AffineSum) -> AffineSum:
+        return AffineSum.total(*self, *other)
+
+    def __sub__(self, other: AffineSum) -> AffineSum:
+        return self + -1.0 * other
+
+    def __mul__(self, other: AffineSum | Quantity | float) -> AffineSum:
+        factors = other if isinstance(other, AffineSum) else (other,)
+        return AffineSum.total(*(one * factor for one in self for factor in factors))
+
+    __rmul__ = __mul__
+
+    def __pow__(self, exponent: int) -> AffineSum:
+        result = AffineSum.of(1.0)
+        for _ in range(exponent):
+            result = result * self
+        return result
 
 
 def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndarray | float]) -> np.ndarray:

@@ -20,7 +20,7 @@ import numpy as np
 from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
-from pgmp_petsc.bodies.section import BeamSection, SpatialSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
 if TYPE_CHECKING:
@@ -75,6 +75,8 @@ class Body:
         A continuum body that is not condensed.
     floating
         A flexible body in a floating frame: its last node, behind those of the frames that hold it.
+    lever
+        `BeamSection.lever` of beams in space.
     profiles
         What the constants of a body of beams are multiplied by, element by element.
     first_internal
@@ -83,7 +85,7 @@ class Body:
 
     name: str
     mesh: LineMesh
-    section: BeamSection | SpatialSection | None
+    section: BeamSection | None
     shape: LineMesh
     lumps: dict[int, dict[Monomial, LumpedMass]] = field(default_factory=dict)
     first_node: int = 0
@@ -92,6 +94,7 @@ class Body:
     first_internal: int = 0
     axes: np.ndarray | None = None
     floating: FloatingBody | None = None
+    lever: float = 0.0
     profiles: Profiles = UNIFORM
 
     @classmethod
@@ -101,10 +104,16 @@ class Body:
 
     @classmethod
     def beam_in_space(
-        cls, name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray, profiles: Profiles = UNIFORM
+        cls,
+        name: str,
+        mesh: LineMesh,
+        section: BeamSection,
+        axes: np.ndarray,
+        profiles: Profiles = UNIFORM,
+        lever: float = 0.0,
     ) -> Body:
         """Return a flexible body of beams in space, their axes of shape (n_elements, 3, 3)."""
-        return cls(name, mesh, section, mesh, axes=axes, profiles=profiles)
+        return cls(name, mesh, section, mesh, axes=axes, profiles=profiles, lever=lever)
 
     @classmethod
     def rigid(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
@@ -116,10 +125,12 @@ class Body:
         lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
         centre = lengths @ middles / lengths.sum()
         arms = np.sum((middles - centre) ** 2, axis=1) + lengths**2 / 12.0
-        line, rotary = section.line_density, section.rotary_density
-        lumps = {line.monomial: LumpedMass(line.coefficient * lengths.sum(), line.coefficient * float(lengths @ arms))}
-        if rotary.coefficient:
-            lumps = joined(lumps, {rotary.monomial: LumpedMass(0.0, rotary.coefficient * lengths.sum())})
+        total, about = float(lengths.sum()), float(lengths @ arms)
+        lumps = {
+            weight: LumpedMass(line * total, line * about + rotary * total)
+            for weight, (line, rotary) in section.terms("mass").items()
+            if line or rotary
+        }
         return cls(name, LineMesh(centre[None], np.empty((0, 2), dtype=int)), section, mesh, {0: lumps})
 
     @classmethod
@@ -240,8 +251,9 @@ class Body:
         lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
         if not (self.flexible or self.is_continuum):
             return lumped
-        own = self.profiles.mass.weights({self.section.line_density.monomial}) if self.is_beam else None
-        return lumped | (self._own_weights("mass") if own is None else own)
+        if not self.is_beam:
+            return lumped | self._own_weights("mass")
+        return lumped | self.profiles.mass.weights({w for w, (line, *_) in self.section.terms("mass").items() if line})
 
     @property
     def stiffness_weights(self) -> set[Monomial]:
@@ -267,12 +279,12 @@ class Body:
             return self.meshed.solid.weights(kind)
         if self.floating is not None:
             return set(self.floating.moments if kind == "mass" else self.floating.stiffness)
-        return self.profiles.of(kind).weights(set(getattr(self.section, f"{kind}_terms")()))
+        return self.profiles.of(kind).weights(set(self.section.terms(kind)))
 
     def sections(self, kind: str) -> dict[Monomial, np.ndarray]:
         """Return the coefficients of ``"mass"`` or ``"stiffness"`` of all elements of beams by weight, shape
-        (n_elements, n_coefficients), in the order of `BeamSection` and `SpatialSection`."""
-        terms = getattr(self.section, f"{kind}_terms")().items()
+        (n_elements, n_coefficients), in the order of `BeamSection`."""
+        terms = self.section.terms(kind).items()
         n = len(self.mesh.cells)
         return self.profiles.of(kind).over({weight: np.tile(values, (n, 1)) for weight, values in terms}, np.arange(n))
 
@@ -330,7 +342,7 @@ class Body:
             return {}
         entries = {
             monomial: self._undeformed_stiffness(chosen, coefficients)
-            for monomial, coefficients in self.section.stiffness_terms().items()
+            for monomial, coefficients in self.section.terms("stiffness").items()
         }
         return self.profiles.stiffness.over(entries, chosen)
 
@@ -338,15 +350,18 @@ class Body:
         """Return the part of `stiffness_entries` that resists extension."""
         if not self.is_beam:
             return {}
-        axial, n_strains = self.section.axial, 3 if self.is_planar_beam else 6
-        entries = self._undeformed_stiffness(chosen, (axial.coefficient, *[0.0] * (n_strains - 1)))
-        return self.profiles.stiffness.over({axial.monomial: entries}, chosen)
+        others = [0.0] * (len(self.section.stiffness) - 1)
+        entries = {
+            monomial: self._undeformed_stiffness(chosen, (axial, *others))
+            for monomial, axial in self.section.axial.terms
+        }
+        return self.profiles.stiffness.over(entries, chosen)
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
         if not self.is_beam:
             return {}
-        lengths, terms = self.mesh.lengths[chosen], self.section.mass_terms()
+        lengths, terms = self.mesh.lengths[chosen], self.section.terms("mass")
         if self.is_planar_beam:
             entries = {
                 monomial: beam2d.consistent_mass(lengths, *coefficients) for monomial, coefficients in terms.items()
@@ -367,7 +382,7 @@ class Body:
         spins it is the rotation itself; for strain rates it gives the moments of centripetal accelerations. Where the
         shape of the section depends on parameters, the share of J is that at the nominal values.
         """
-        lever = self.section.lever
+        lever = self.lever
         local = np.zeros((3, 3, 3))
         local[0, 2, 1], local[0, 1, 2] = 0.5 * (1.0 + lever), -0.5 * (1.0 - lever)
         local[1, 0, 2], local[2, 0, 1] = 1.0, -1.0

@@ -24,7 +24,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
-from pgmp_petsc.bodies.section import SpatialSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.errors import InputError
@@ -167,7 +167,7 @@ def rigid_component(meshed: FramedSolid) -> Component:
     return replace(component, recovery=Recovery(solid.mesh, shapes))
 
 
-def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Component:
+def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray) -> Component:
     """Return the component of a rigid body with the mass of beams in space, their axes of shape (n_cells, 3, 3).
 
     A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1
@@ -178,19 +178,18 @@ def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndar
     InputError
         If lengths and sections have densities that vary apart: inertia forces would not be affine in them.
     """
-    weights = {quantity.monomial for quantity in (section.line_density, *section.rotary)}
-    if len(weights) > 1:
+    terms = section.terms("mass")
+    if len(terms) > 1:
         raise InputError(
             f"bodies.{name}.flexible = false: a rigid body in space has a section of numbers, but its mass has the "
-            f"factors {', '.join(map(str, sorted(weights)))}; give the section without parameters, or make it flexible"
+            f"factors {', '.join(map(str, sorted(terms)))}; give the section without parameters, or make it flexible"
         )
     lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
-    line, rotary = section.line_density.coefficient, [part.coefficient for part in section.rotary]
+    ((weight, (line, *rotary)),) = terms.items()
     points = np.column_stack([middles, np.ones(len(middles))])
     second = line * np.einsum("e,ei,ej->ij", lengths, points, points)
     within = np.array([line * lengths**2 / 12.0, np.full(len(lengths), rotary[1]), np.full(len(lengths), rotary[0])])
     second[:3, :3] += np.einsum("e,se,eis,ejs->ij", lengths, within, axes, axes)
-    (weight,) = weights
     return _component(dict(mesh.points), mesh.nodes, weight, second, 6 * mesh.n_nodes)
 
 

@@ -116,7 +116,7 @@ def _of_beams(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
     """Yield weights, unknowns (n_e, k) and moments (n_e, d, d, k, k) of elements."""
     dofs, lengths = element_dofs(body.mesh.cells, body.node_dofs), body.mesh.lengths
     found = {}
-    for weight, coefficients in body.section.mass_terms().items():
+    for weight, coefficients in body.section.terms("mass").items():
         if body.is_planar_beam:
             gradient = np.zeros((2, 2, 6))  # of the places of both nodes
             for node in range(2):

@@ -21,7 +21,7 @@ from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.random_fields import RandomField
 
-ROLE = {"E": "modulus", "rho": "density", "width": "size", "thickness": "size"}
+ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to
 # of the correlation length: larger cells miss the field between their middles (Der Kiureghian and Ke 1988)
 COARSE = 0.5
@@ -42,7 +42,7 @@ def profiles_of(scene: Scene, body: str, mesh: LineMesh | SolidMesh) -> Profiles
         if field.body == body:
             terms = field.variation * checked_expansion(name, field, mesh).functions
             weights = [Monomial(((variable, 1),)) for variable in field.names(name)]
-            found[ROLE[field.quantity]] = Profile(dict(zip(weights, terms)))
+            found[ROLE.get(field.quantity, "size")] = Profile(dict(zip(weights, terms)))
     return Profiles(**found) if found else UNIFORM
 
 

@@ -1,8 +1,8 @@
 """Families of ideas: classes that are found, not listed.
 
-A family has one base class. Every subclass with an entry ``type: Literal["NAME"]`` is an idea of that name: it takes
-part as soon as its module is imported. The modules are those of the family's room in the package, and those that
-installed packages name as entry points of the family's group; `plugins` adds files.
+A family has one base class. Every subclass with an entry ``type: Literal["NAME"]`` (of a section it is ``shape``) is an
+idea of that name: it takes part as soon as its module is imported. The modules are those of the family's room in the
+package, and those that installed packages name as entry points of the family's group; `plugins` adds files.
 
 A family is looked through when it is first asked for. The scene, which is below the rooms, holds the place open with
 `Found`, and its schema is made of what was found.
@@ -56,7 +56,7 @@ def _plugin(cls: type) -> Plugin:
     return Plugin(name, str(file), hashlib.sha256(text).hexdigest())
 
 
-@dataclass
+@dataclass(eq=False)
 class Family:
     """The ideas of one kind.
 
@@ -70,6 +70,8 @@ class Family:
         Package whose modules have the program's own.
     group
         Entry points of installed packages, by the name of the table of a scene: ``effects`` is ``pgmp.effects``.
+    key
+        Entry that names one of them.
 
     Attributes
     ----------
@@ -81,22 +83,23 @@ class Family:
     base: str
     room: str
     group: str
+    key: str = "type"
     classes: dict[str, type[BaseModel]] = field(default_factory=dict)
     _looked_through: bool = False
 
     def take(self, cls: type[BaseModel]) -> bool:
-        """Take a class into the family if it has a ``type`` of its own; return whether it has.
+        """Take a class into the family if it has a ``type`` (or another `key`) of its own; return whether it has.
 
         Raises
         ------
         InputError
             If the type is no literal text, or another idea has it.
         """
-        if "type" not in cls.model_fields:
+        if self.key not in cls.model_fields:
             return False
-        names = get_args(cls.model_fields["type"].annotation)
+        names = get_args(cls.model_fields[self.key].annotation)
         if len(names) != 1 or not isinstance(names[0], str):
-            raise refuse(cls, f'its type names the {self.what}, type: Literal["NAME"]')
+            raise refuse(cls, f'its {self.key} names the {self.what}, {self.key}: Literal["NAME"]')
         other = self.classes.get(names[0])
         if other is not None:
             file, line = place_of(other)
@@ -126,7 +129,8 @@ class Family:
 
 EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
 OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
-FAMILIES = (EFFECTS, OUTPUTS)
+SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
+FAMILIES = (EFFECTS, OUTPUTS, SECTIONS)
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 
@@ -152,4 +156,5 @@ class Found:
     family: Family
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return handler.generate_schema(Annotated[reduce(or_, self.family.found()), Field(discriminator="type")])
+        ideas = reduce(or_, self.family.found())
+        return handler.generate_schema(Annotated[ideas, Field(discriminator=self.family.key)])

@@ -56,7 +56,7 @@ def take(file: Path) -> None:
             declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
             raise InputError(
                 f"plugin '{file}': no idea is declared in it; needed: a subclass of {declared} with "
-                'type: Literal["NAME"]; see docs/extending.md'
+                'type: Literal["NAME"] (of a section shape: Literal["NAME"]); see docs/extending.md'
             )
     except InputError:
         for family, classes in zip(FAMILIES, before[0]):

@@ -495,7 +495,8 @@ class _Reader(NamedTuple):
         place = Context(None, words).text(place)
         path, _, key = place.partition("@")
         absent = entry.absent(self.taken) if callable(entry.absent) else entry.absent
-        if absent is not NEEDED and not (path in self.group if not key else key in self._attributes(path)):
+        is_there = not path or path in self.group
+        if absent is not NEEDED and not (is_there and (not key or key in self._attributes(path))):
             return absent
         if one.is_attribute:
             return _decoded(one, self._attributes(path)[key])

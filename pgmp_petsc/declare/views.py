@@ -83,7 +83,7 @@ def described(kind: type[Record], base: str = "") -> Iterator[Row]:
         for level in range(one.depth):
             place = one.place_of(place, "<outer>" if level < one.depth - 1 else "{name}")
         place = joined(base, place if entry.keys else _PLACEHOLDERS.format(place))
-        if one.is_record:
+        if one.is_record and not entry.about:
             for row in described(one.value, place):
                 yield row._replace(sizes=(*sizes, *row.sizes)) if one.is_rows else row
         elif entry.about and (place or one.depth):

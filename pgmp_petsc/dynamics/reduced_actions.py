@@ -21,9 +21,9 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.length_grid import LengthGrid
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.runtime.vectors import N_POWERS
 
 

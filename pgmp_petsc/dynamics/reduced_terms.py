@@ -1,6 +1,6 @@
 """The terms of the reduced equations of motion as interpolants, shared by all samples of an ensemble.
 
-What belongs to the rigid motion alone comes on a fine grid (`reduction.rigid_inertia`); what involves flexible modes is
+What belongs to the rigid motion alone comes on a fine grid (`reduction.tables`); what involves flexible modes is
 interpolated between the samples.
 """
 
@@ -19,8 +19,7 @@ from pgmp_petsc.dynamics.reduced_arrays import Layout, Tables
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
 from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 
 # rad; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its largest value in all scenes of

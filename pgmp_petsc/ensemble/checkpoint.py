@@ -1,19 +1,20 @@
-"""The checkpoint of an ensemble: its finished batches in a folder beside the result."""
+"""The checkpoint of an ensemble, its finished batches in a folder beside the result, and the columns put together of
+them: one number a sample in a file, so that memory holds one column at a time, however many samples."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from tempfile import TemporaryFile
+from typing import Protocol, Self
+from weakref import finalize
 
 import numpy as np
 
-from pgmp_petsc.ensemble.allotment import Batch, Plan
-from pgmp_petsc.ensemble.columns import Columns
-from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import Remark, RunError
 from pgmp_petsc.runtime.seal import BrokenSeal, identity
@@ -32,7 +33,7 @@ CURE = "nothing was written; repeat the command with --resume, which computes wh
 
 @dataclass(frozen=True)
 class Finished:
-    """What a checkpoint holds: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
+    """Contents of a checkpoint: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
 
     samples: tuple[tuple[int, int], ...]
     checked: tuple[tuple[int, int], ...]
@@ -266,3 +267,120 @@ def _batch(first: int, arrays: Mapping[str, np.ndarray], parts: Sequence[str]) -
             named[part][name] = arrays[key]
     drawn, found = named.pop("parameters", {}), named.pop("outputs", {})
     return Batch(first, drawn, found, arrays["status"], arrays["failure_time"], **named)
+
+
+_NUMBER = np.dtype(np.float64)
+_AT_ONCE = 1 << 16  # numbers
+
+
+class Columns(Mapping[str, np.ndarray]):
+    """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
+
+    The file has no name: it is gone with the last reference to it, however the run ends.
+
+    Parameters
+    ----------
+    folder
+        Where there is space for it.
+    n_samples
+        Length of every column.
+
+    Raises
+    ------
+    RunError
+        If the system fails to make it.
+    """
+
+    def __init__(self, folder: Path, n_samples: int) -> None:
+        self._folder, self._n_samples = folder, n_samples
+        self._places: dict[str, int] = {}
+        with self._written():
+            self._file = TemporaryFile(dir=folder, buffering=0)
+        finalize(self, self._file.close)
+
+    def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
+        """Put in what is known of samples first, first + 1, and so on.
+
+        Raises
+        ------
+        RunError
+            If the system fails to write.
+        """
+        with self._written():
+            for name, values in columns.items():
+                if name not in self._places:
+                    self._add(name)
+                self._write(self._offset(name) + first * _NUMBER.itemsize, values)
+
+    def of(self, kind: str) -> Mapping[str, np.ndarray]:
+        """Return the columns whose names begin with ``<kind>.``, by what follows."""
+        return _Part(self, kind)
+
+    @contextmanager
+    def _written(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            what = f"samples could not be put together in '{self._folder}'"
+            raise RunError(f"{what}: {error.strerror}; what is finished is kept, and --resume takes it up") from error
+
+    def _add(self, name: str) -> None:
+        """Add a column of NaN."""
+        self._places[name] = len(self._places)
+        for begin in range(0, self._n_samples, _AT_ONCE):
+            n = min(_AT_ONCE, self._n_samples - begin)
+            self._write(self._offset(name) + begin * _NUMBER.itemsize, np.full(n, np.nan))
+
+    def _write(self, offset: int, values: np.ndarray) -> None:
+        """Write numbers at an offset (bytes); the system may take them in parts."""
+        left = memoryview(np.ascontiguousarray(values, dtype=_NUMBER)).cast("B")
+        self._file.seek(offset)
+        while left:
+            left = left[self._file.write(left) :]
+
+    def _offset(self, name: str) -> int:
+        return self._places[name] * self._n_samples * _NUMBER.itemsize
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        self._file.seek(self._offset(name))
+        values = np.empty(self._n_samples, dtype=_NUMBER)
+        left = memoryview(values).cast("B")
+        while left:
+            left = left[self._file.readinto(left) :]
+        return values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class _Part(Mapping[str, np.ndarray]):
+    """The columns of one kind."""
+
+    def __init__(self, columns: Columns, kind: str) -> None:
+        self._columns, self._kind = columns, f"{kind}."
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._columns[self._kind + name]
+
+    def __iter__(self) -> Iterator[str]:
+        return (name.removeprefix(self._kind) for name in self._columns if name.startswith(self._kind))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+class Kept(Protocol):
+    """Samples that are finished: in a checkpoint, or in the files of shards."""
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """Remarks on files that were found and not taken up."""
+
+    def columns(self) -> Columns:
+        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
+
+    def bands(self, n: int) -> Mapping[str, np.ndarray]:
+        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""

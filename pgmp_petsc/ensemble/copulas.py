@@ -35,7 +35,7 @@ POINTS = 100  # of Gauss's quadrature of Debye's function
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """What correlated parameters are made with.
+    """The copula of correlated parameters.
 
     Attributes
     ----------

@@ -9,10 +9,9 @@ import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals, joined
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.columns import Columns
-from pgmp_petsc.ensemble.quantities import came_true, quantities, quantity
-from pgmp_petsc.ensemble.statistics import is_constant, parts_of_tails
+from pgmp_petsc.ensemble.checkpoint import Columns
+from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.corrected import Corrected, Figure, Joined
 from pgmp_petsc.results.ensemble import Ensemble

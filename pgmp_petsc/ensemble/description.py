@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -15,16 +14,23 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps, instants
 from pgmp_petsc.dynamics.static_equilibrium import starts_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.columns import Columns, block_of, checked, share_of
-from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
-from pgmp_petsc.ensemble.looks import level_of_each
-from pgmp_petsc.ensemble.over_time import band_steps
-from pgmp_petsc.ensemble.quantities import Peaks, came_true, in_words, quantities
-from pgmp_petsc.ensemble.retry import has_steps_left
+from pgmp_petsc.ensemble.checkpoint import Kept
+from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
+from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
-from pgmp_petsc.ensemble.statistics import describe, holds_to, of_event, quantile_bounds
+from pgmp_petsc.ensemble.statistics import (
+    Peaks,
+    came_true,
+    describe,
+    holds_to,
+    in_words,
+    of_event,
+    quantile_bounds,
+    quantities,
+)
+from pgmp_petsc.ensemble.stopping import level_of_each
+from pgmp_petsc.ensemble.watchers import band_steps
 from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
@@ -32,9 +38,9 @@ from pgmp_petsc.indicator.coverage import (
     large_errors,
     left_out_of_estimates,
     polynomials_of_lengths,
+    too_few_steps,
     truncated_stresses,
     why_not_of_full_order,
-    too_few_steps,
 )
 from pgmp_petsc.indicator.own_error import of_statistics
 from pgmp_petsc.indicator.validity import remarks_of
@@ -61,7 +67,7 @@ def describe_ensemble(
 ) -> Ensemble:
     """Put samples together and describe parameters and outputs; one column of samples is in memory at a time.
 
-    `looked` says whether intervals have decided on the number of samples (see `looks`).
+    `looked` says whether intervals have decided on the number of samples (see `stopping`).
     """
     scene, columns = origin.scene, kept.columns()
     parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
@@ -350,7 +356,7 @@ def _estimate_remarks(
 
 @dataclass(frozen=True)
 class Origin:
-    """What samples are of.
+    """Origin of samples: the model and its scene.
 
     Attributes
     ----------
@@ -387,17 +393,3 @@ class Origin:
             if share > 0.0:
                 absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
-
-
-class Kept(Protocol):
-    """Samples that are finished: in a checkpoint, or in the files of shards."""
-
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """What was found and not taken up."""
-
-    def columns(self) -> Columns:
-        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
-
-    def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""

@@ -25,16 +25,31 @@ cheaper one, b where it does not (double sampling: Tenenbein, Journal of the Ame
 of the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
 1693-1702).
 Quantiles are no means, and have no part in this.
+
+For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), for the
+output whose models agree least, from costs and correlations of a pilot of every model's first samples (`allot`). Times
+decide, which will not come again: a run that is taken up keeps the numbers of the one before. Pilot samples are the
+first ones of the ensemble, and so are used; that they have a part in the choice of the numbers has none in the
+intervals but by the spread that they showed.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from pgmp_petsc.ensemble.integration import Integration
+    from pgmp_petsc.ensemble.stopping import Stop
 
 FEWEST = 8  # samples of the best model: coefficients, and a jackknife of them
 FEWEST_OF_PARABOLA = 20  # samples that a cheaper model's curvature is estimated from, if the parabola is not nearly all
@@ -316,3 +331,129 @@ def allocation(costs: np.ndarray, correlations: np.ndarray) -> np.ndarray:
 def _positive(values: np.ndarray) -> np.ndarray:
     """Return sums of squares, and infinity where without one sample there is nothing left of them."""
     return np.where(values > 0.0, values, np.inf)
+
+
+PILOT = 16  # samples of every better model
+PILOT_OF_OWN = 256  # of the ensemble's own, which is as a rule faster in large batches
+FOR_DEVIATIONS = 0.1  # of the budget, for samples enough for an interval of the deviation
+OVERDRAWN = 1.5  # by the least numbers of samples, before a budget is refused
+ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before costs are taken anew
+
+
+def allot(
+    own: Integration, better: Sequence[Integration], given: Sequence[int | None], limit: int | None, stop: Stop
+) -> tuple[list[int], int]:
+    """Integrate as many samples of all models as the budget pays for. Collective.
+
+    Parameters
+    ----------
+    given
+        Numbers of the better models' samples that are not to be chosen, None for the others.
+    limit
+        Number of the ensemble's samples, None where it is to be chosen.
+
+    Returns
+    -------
+    list of int, int
+        Numbers of samples of the better models, and of the ensemble's own.
+
+    Raises
+    ------
+    InputError
+        If the budget does not pay for what is given.
+    RunError
+        If the outputs of the pilot's samples are not known, or do not vary.
+    """
+    comm, models = own.comm, (*better, own)
+    kept = on_root(comm, lambda: own.checkpoint.counts)
+    if kept is not None and len(kept) == len(models):
+        return [int(n) for n in kept[:-1]], int(kept[-1])
+    wanted = [*given, limit]
+    # what a stopped run left tells nothing of times
+    pilot = np.array([model.n_finished + (PILOT_OF_OWN if model is own else PILOT) for model in models])
+    pilot = np.minimum(pilot, [model.plan.n_samples for model in models])
+    done, costs = np.zeros(len(models), dtype=int), np.full(len(models), np.nan)
+
+    def integrate(sizes: np.ndarray) -> None:
+        for k, (model, n) in enumerate(zip(models, sizes)):
+            start = time.monotonic()
+            computed = model.up_to(int(n))
+            if computed:
+                costs[k] = (time.monotonic() - start) / computed
+        done[:] = np.maximum(done, sizes)
+
+    def choose(share: float) -> np.ndarray:
+        known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
+        correlations = _correlations([model.kept(int(n)) for model, n in zip(models, done)], int(done.min()))
+        chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
+        if chosen is None:
+            raise InputError(
+                f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given: "
+                f"samples take {', '.join(f'{cost:.2g} s' for cost in known)}, those of the best model first"
+            )
+        chosen = np.maximum(done, np.where(share < 1.0, (share * chosen).astype(int), chosen))
+        if share == 1.0:
+            own.checkpoint.keep_counts(chosen)
+        return chosen
+
+    # the first samples of a process wait for compiled code: they tell nothing of the others
+    integrate(np.maximum(pilot - PILOT // 2, 1))
+    integrate(pilot)
+    for share in ROUNDS:
+        integrate(on_root(comm, choose, share))
+    return [int(n) for n in done[:-1]], int(done[-1])
+
+
+def counts(
+    costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
+) -> np.ndarray | None:
+    """Return the numbers of samples of all models, the best first, that a budget pays for; None where there are none.
+
+    Parameters
+    ----------
+    costs
+        Of a sample, s, (k,).
+    correlations
+        With the best model, (k,).
+    given
+        Numbers that are not to be chosen, None for the others.
+    budget
+        For all samples, s.
+    most
+        Samples of the cheapest model.
+    """
+    shares = allocation(costs, correlations)
+    enough = FEWEST_OF_DEVIATION
+    least = np.where(enough * costs <= FOR_DEVIATIONS * budget, enough, PILOT)
+    free = np.array([n is None for n in given])
+    found = np.array([most if n is None else n for n in given])
+    behind = np.minimum.accumulate(found[::-1])[::-1]  # no more than any cheaper model has
+    while free.any():
+        left = budget - float(costs @ np.where(free, 0, found))
+        if left <= 0.0:
+            return None
+        wanted = left * shares / float(np.sum((costs * shares)[free]))
+        few = free & (wanted < least)
+        # what is raised to the least number is given, and what is left is divided anew
+        chosen = few if few.any() else free
+        found = np.where(chosen, np.maximum(wanted, least).astype(int), found)
+        free = free & ~chosen
+    found = np.minimum(np.maximum.accumulate(found), behind)
+    return found if costs @ found <= OVERDRAWN * budget else None
+
+
+def _correlations(kept: Sequence, n: int) -> np.ndarray:
+    """Return the correlations of all models with the best, (k,), of the output for which the next one's is least."""
+    columns = [one.columns() for one in kept]
+    fine = np.all([one["status"][:n] == Status.FINE for one in columns], axis=0)
+    found = []
+    for name in columns[0].of("outputs"):
+        values = np.array([one.of("outputs")[name][:n][fine] for one in columns])
+        if values.shape[1] >= FEWEST and np.all(np.ptp(values, axis=1) > 0.0):
+            found.append(np.corrcoef(values)[0])
+    if not found:
+        raise RunError(
+            f"--correct MODEL=auto: of the pilot's {n} samples {int(fine.sum())} are fine in all models, and no output "
+            "varies in all of them; give numbers, such as --correct full=200"
+        )
+    return min(found, key=lambda one: abs(one[1]))

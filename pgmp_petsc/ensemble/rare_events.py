@@ -26,8 +26,6 @@ estimate of how much the later ones are better. The interval is that of the cent
 that no part of the event is far from all points: in many variables a part that no level has seen has no part in the
 interval either.
 
-Where rays enter an event: points of its parts that some level of subset simulation has seen and a later one lost.
-
 Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
 known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
 through the means of the clusters of all levels, opposite to them, and along each variable both ways enter the event
@@ -48,7 +46,6 @@ import numpy as np
 from scipy.special import ndtr
 
 from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, design_points
-from pgmp_petsc.ensemble.designs import OF_RARE, stream
 from pgmp_petsc.ensemble.importance import (
     CLUSTERS,
     FEWEST,
@@ -61,6 +58,7 @@ from pgmp_petsc.ensemble.importance import (
     outside_of,
 )
 from pgmp_petsc.ensemble.intervals import freedom_of, of_probability
+from pgmp_petsc.ensemble.sampling import OF_RARE, stream
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
 LEAST_OF_LEVEL = 100
@@ -85,7 +83,7 @@ ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioan
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What a level of subset simulation found.
+    """A level of subset simulation.
 
     Attributes
     ----------

@@ -19,11 +19,11 @@ from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
-from pgmp_petsc.ensemble.over_time import OverTimeWatcher
-from pgmp_petsc.ensemble.quantities import in_words
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.rare_events import RareSamples
-from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, values_of
+from pgmp_petsc.ensemble.statistics import in_words
+from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import (

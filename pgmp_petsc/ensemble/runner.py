@@ -1,164 +1,29 @@
-"""Monte Carlo over ranks.
+"""Monte Carlo over ranks: an ensemble of one model, or of several on the same draws.
 
-The samples are dealt out in pieces (`pieces`): a rank integrates one as one system, a group of ranks one sample, and
-rank 0 puts what came out into a checkpoint while the others go on. Nothing that was computed is lost when a run is
-killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed
-and sample number alone.
+Nothing that was computed is lost when a run is killed; `resume` takes up the checkpoint, with another number of ranks
+too, because a sample's numbers depend on seed and sample number alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.ts_options import check_ts_options
-from pgmp_petsc.ensemble.allotment import Batch, Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.columns import block_of, checked, share_of
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
-from pgmp_petsc.ensemble.over_time import OverTimeWatcher
-from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
-from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
-from pgmp_petsc.ensemble.sampling import Sampler, physical
+from pgmp_petsc.ensemble.failures import Earlier
+from pgmp_petsc.ensemble.integration import Integration
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
-from pgmp_petsc.ensemble.watchers import (
-    BalanceWatcher,
-    Begun,
-    CoarserWatcher,
-    ErrorWatcher,
-    Found,
-    RangeWatch,
-    ValidityWatcher,
-    Watcher,
-)
-from pgmp_petsc.indicator.member_errors import indicator_of
-from pgmp_petsc.models import REDUCED, Model, of_samples
+from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
-from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import scene_to_toml
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from pgmp_petsc.ensemble.correction import Better
-
-
-class Integration:
-    """The samples of one model, in a checkpoint.
-
-    Parameters
-    ----------
-    model, plan, group
-        As of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
-    timings
-        Where the time goes.
-    phase
-        What is timed.
-    sampler
-        Where samples come from; that of the plan, unless they are another ensemble's.
-
-    Raises
-    ------
-    InputError
-        As `run_ensemble`.
-    """
-
-    def __init__(
-        self, model: Model, plan: Plan, group: RankGroup, timings: Timings, phase: str, sampler: Sampler | None = None
-    ) -> None:
-        self.plan, self.comm = plan, group.world
-        self._group, self._timings, self._phase = group, timings, phase
-        # a scene with nothing to draw, and options that would change it, are refused before anything is touched
-        with agreed(self.comm, "checking what the run is asked for"):
-            self.sampler = sampler or Sampler(model.scene, plan)
-            check_ts_options()
-            self.model = model = of_samples(model, self.sampler.names)
-        self._divisors = DIVISORS
-        toml = scene_to_toml(model.scene)
-        self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.named, self.sampler.extends)
-        self._finished = on_root(self.comm, self.checkpoint.open)
-        with agreed(self.comm, "preparing the error indicator"):
-            self._watching = Watching(model)
-
-    def up_to(self, n: int) -> int:
-        """Integrate what is missing of the plan's samples before sample n; return how many these were.
-
-        Raises
-        ------
-        RunError
-            If the system fails to write.
-        """
-        model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
-        todo = missing([(first, n)], self._finished.samples)
-        to_check = within(checked(self._watching.share, n, self._watching.block), first, n)
-        to_check = missing(to_check, self._finished.checked)
-        dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
-        n_samples, n_todo = n - first, sum(end - begin for begin, end in todo)
-        title = f"{model.title} samples"
-        with self._timings.phase(self._phase), progress(n_samples, title, comm, n_samples - n_todo) as bar:
-
-            def work(number: int, pulse: Pulse) -> Batch:
-                piece = dealt[number]
-                watchers, values = self._watching.of(piece), self.sampler.draw(piece.first, piece.last)
-                counted = sum(part.last - part.first for part in piece.parts if not part.is_checked)
-
-                def beat(share: float) -> None:
-                    bar.within(share * counted * group.count)  # others are about as far with theirs
-                    pulse()
-
-                return run_batch(model, values, piece.first, watchers, group.comm, beat, self._divisors)
-
-            def take(number: int, batch: Batch) -> None:
-                bar.within(0.0)
-                for part in dealt[number].parts:
-                    self.checkpoint.add(part, batch)
-                    bar.update(0 if part.is_checked else len(batch.status))
-
-            with agreed(comm, "integration of the samples"):
-                deal_to_groups(group, len(dealt), work, take)
-        self._finished = Finished(
-            tuple(sorted((*self._finished.samples, *todo))), tuple(sorted((*self._finished.checked, *to_check)))
-        )
-        return n_todo
-
-    def take_over(self, earlier: Earlier) -> None:
-        """Take the samples of an ensemble's file that are fine for finished, and try the others further."""
-
-        def taking() -> Finished:
-            last = self._finished
-            known = [*last.samples], [*last.checked]
-            for piece, batch in fine_pieces(earlier, self._watching.share, self._watching.block):
-                if missing([(piece.first, piece.last)], known[piece.is_checked]):
-                    self.checkpoint.add(piece, batch)
-                    known[piece.is_checked].append((piece.first, piece.last))
-                    known[piece.is_checked].sort()
-            return Finished(*map(tuple, known))
-
-        self._divisors = FURTHER
-        self._finished = on_root(self.comm, taking)
-
-    @property
-    def n_finished(self) -> int:
-        """How many samples are finished."""
-        return sum(last - first for first, last in self._finished.samples)
-
-    def kept(self, n: int) -> Checkpoint:
-        """Return the samples before sample n; by rank 0."""
-        return self.checkpoint.up_to(n)
 
 
 def run_ensemble(
@@ -207,7 +72,7 @@ def run_ensemble(
     model = own.model
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
-        from pgmp_petsc.ensemble.allotment import allot  # as above
+        from pgmp_petsc.ensemble.joined import allot  # as above
 
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
     elif stop is not None:
@@ -250,106 +115,3 @@ def look_at(own: Integration, stop: Stop) -> list[Seen]:
         return on_root(own.comm, looking)
 
     return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)
-
-
-def run_batch(
-    model: Model,
-    values: Mapping[str, np.ndarray],
-    first: int = 0,
-    watchers: Sequence[Watcher] = (),
-    comm: MPI.Comm | None = None,
-    pulse: Callable[[float], object] | None = None,
-    divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:
-    """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
-
-    Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
-    nothing is known. `pulse` is called now and then with the share of the steps that are done, `divisors` are those of
-    the steps that are tried. Collective on `comm`.
-    """
-    scene, comm = model.scene, comm or alone()
-    alive = physical(scene, values)
-    n = alive.size
-    # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
-    safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
-    outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
-    unstable = np.zeros(n, dtype=bool)
-    found: Found = {kind: arrays for watcher in watchers for kind, arrays in watcher.empty(n).items()}
-
-    def run(attempt: Attempt) -> Run:
-        samples = attempt.samples
-        some = {name: value[samples] for name, value in safe.items()}
-        places = np.flatnonzero(alive[samples])
-        if comm.size == 1:
-            made = model.batch(some, samples.size)
-        else:
-            made = model.single({name: float(value[0]) for name, value in some.items()}, comm)
-        with closing(made) as system:
-            if system.settled is not None:
-                unstable[samples] = system.settled.unstable & attempt.alive
-            begun = Begun(system, some, places, attempt.simulation)
-            watches = [watcher.watch(begun) for watcher in watchers if places.size]
-            observers, inside = [watch.observer for watch in watches], None
-            if not isinstance(model, REDUCED) and model.limited:
-                inside = RangeWatch(model, system)
-                observers.append(inside)
-            observer = Together(observers) if observers else None
-            done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
-            done = done if inside is None else inside.judged(done)
-            done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
-            for watch in watches:
-                for kind, arrays in watch.found(done.status).items():
-                    for name, estimates in arrays.items():
-                        found[kind][name][samples[places]] = estimates
-        return done
-
-    outcome = integrate_with_smaller_steps(run, scene.simulation, alive, divisors)
-    numerics = {"steps_divided": outcome.divisors, "unstable_start": unstable}
-    return Batch(first, dict(values), outputs, outcome.status, outcome.failure_time, numerics, **found)
-
-
-def _with_outputs(
-    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float
-) -> Run:
-    """Evaluate the outputs of the samples that are fine into `outputs`; one that is no finite number is a failure."""
-    fine = np.flatnonzero(done.status == Status.FINE)
-    if not fine.size:
-        return done
-    with np.errstate(all="ignore"):
-        found = model.outputs.evaluate(model.observed(system, done.state)[..., fine])
-    lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
-    status, failure_time = done.status.copy(), done.failure_time.copy()
-    status[lost], failure_time[lost] = Status.NOT_FINITE, end
-    for name, values in found.items():
-        outputs[name][samples[fine]] = np.where(status[fine] == Status.FINE, values, np.nan)
-    return replace(done, status=status, failure_time=failure_time)
-
-
-class Watching:
-    """What looks at the runs of a model's samples.
-
-    Attributes
-    ----------
-    share, block
-        Of the samples whose errors are estimated, and in what numbers (`block_of`).
-    """
-
-    def __init__(self, model: Model) -> None:
-        self.share, self.block = share_of(model), block_of(model.scene, model.name)
-        self._errors: list[Watcher] = []
-        if self.share > 0.0:
-            reduced = isinstance(model, REDUCED)
-            self._errors = [ErrorWatcher(indicator_of(model)) if reduced else CoarserWatcher(model)]
-        self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
-        if isinstance(model, REDUCED):
-            self._others.append(ValidityWatcher(model))
-        self._n_bands = model.scene.ensemble.band_samples
-        self._over_time = {with_bands: OverTimeWatcher(model, with_bands) for with_bands in (True, False)}
-
-    def of(self, piece: Piece) -> list[Watcher]:
-        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
-        over_time = self._over_time[piece.first < self._n_bands]
-        others = [*self._others, over_time] if over_time.is_asked else self._others
-        if piece.is_checked:
-            return [*self._errors, *others] if piece.is_both else self._errors
-        return others

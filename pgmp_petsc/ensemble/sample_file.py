@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.ensemble.allotment import SampleFile
+from pgmp_petsc.ensemble.plan import SampleFile
 from pgmp_petsc.runtime.csv_table import csv_table
 from pgmp_petsc.runtime.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.scene import Scene
@@ -177,9 +177,9 @@ def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene
         elif name in scene.parameters_not_negative:
             for number in np.flatnonzero(values < 0.0):
                 yield f"{place} {lines[number]}: {name} = {values[number]:g}; must not be negative for what uses it"
-    for entry, other, lower, upper in ordered_ends(scene):
-        ends = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
-        low, high = (np.broadcast_to(end, lines.shape) for end in ends)
+    for entry, other, lower, upper, share in ordered_ends(scene):
+        low, high = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
+        low, high = (np.broadcast_to(end, lines.shape) for end in (low, share * high))
         for number in np.flatnonzero(low >= high):
             where = f"{entry} = {low[number]:g}; must be below {other}, {high[number]:g}"
             yield f"{place} {lines[number]}: {where}"

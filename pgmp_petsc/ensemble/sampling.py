@@ -1,25 +1,286 @@
 """Parameter values of samples, keyed by the number of the sample.
 
-Values follow from a design's uniform numbers (`designs`) by the inverse distribution function, of the distribution
-truncated to the parameter's bounds where it has any; or they are those of a file. Correlated parameters have a copula
-(`ensemble.copulas`).
+A design gives uniform numbers, of which the inverse distribution function, truncated to the parameter's bounds where it
+has any, makes values; or the values are those of a file. Correlated parameters have a copula (`ensemble.copulas`).
+
+================== =============================================================================================
+random             sample k has a random stream of its own, keyed by the seed and k
+latin_hypercube    McKay, Beckman and Conover, Technometrics 21 (1979) 239-245: for each parameter a random permutation
+                   of N slices of equal probability; within its slice sample k lies where its own stream says
+sobol              Sobol sequences with scrambles of their own (Matousek, Journal of Complexity 14 (1998) 527-556;
+                   `scipy.stats.qmc.Sobol`): sample k is point k // R of replicate k % R
+saltelli           Saltelli et al., Computer Physics Communications 181 (2010) 259-270: blocks of d + 2 samples, point A
+                   of a scrambled Sobol sequence in 2 d dimensions, A with parameter 1 .. d of B, and B; block k is of
+                   replicate k % R
+================== =============================================================================================
+
+Sample k is the same in every batch, on every rank and in a longer run; of a Latin hypercube it is another one where N
+is. Random streams are those of ``Generator(PCG64(SeedSequence(seed, spawn_key=(k,))))`` to the last bit. numpy makes
+one after the other, which takes 20 us each; `first_numbers` makes all side by side with the same arithmetic, which
+numpy promises to keep: `SeedSequence`'s mixing of 32-bit words (O'Neill's seed_seq_fe) and PCG XSL-RR 128/64 (O'Neill,
+HMC-CS-2014-0905, 2014).
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.ensemble.allotment import Plan
 from pgmp_petsc.ensemble.copulas import Mixing, mixing_of
-from pgmp_petsc.ensemble.designs import Blocks, Design, Independent, LatinHypercube, Replicates
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.scene.uses import ordered_ends
+
+POOL = 4  # words
+INIT_A, MULT_A, INIT_B, MULT_B = 0x43B0D7E5, 0x931E8875, 0x8B51F9DD, 0x58F38DED
+MIX_LEFT, MIX_RIGHT = 0xCA01F9DD, 0x4973F715
+MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+WORD, HALF = 2**32 - 1, np.uint64(32)
+DOUBLE = 2.0**-53
+
+
+def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
+    """Return the first d uniform numbers of the streams of samples, shape (n, d).
+
+    Parameters
+    ----------
+    seed
+        Not negative.
+    numbers
+        Of the samples, shape (n,), below 2^32.
+    """
+    words = _words(seed, np.asarray(numbers, dtype=np.uint32))
+    parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
+    state, increment = (parts[0], parts[1]), (parts[2], parts[3])
+    increment = (
+        (increment[0] << np.uint64(1)) | (increment[1] >> np.uint64(63)),
+        (increment[1] << np.uint64(1)) | np.uint64(1),
+    )
+    state = _stepped(_sum(increment, state), increment)
+    found = np.empty((len(numbers), d))
+    for column in found.T:
+        state = _stepped(state, increment)
+        high, low = state
+        turn, mixed = high >> np.uint64(58), high ^ low
+        turned = (mixed >> turn) | (mixed << ((np.uint64(64) - turn) & np.uint64(63)))
+        column[:] = (turned >> np.uint64(11)) * DOUBLE
+    return found
+
+
+def _words(seed: int, numbers: np.ndarray) -> list[np.ndarray]:
+    """Return the eight words of every stream that `SeedSequence` makes of the seed and its number."""
+    entropy = [np.uint32(seed >> shift & WORD) for shift in range(0, max(seed.bit_length(), 1), 32)]
+    entropy += [np.uint32(0)] * (POOL - len(entropy))
+    constant = INIT_A
+
+    def hashed(value: np.ndarray) -> np.ndarray:
+        nonlocal constant
+        value = value ^ np.uint32(constant)
+        constant = constant * MULT_A & WORD
+        value = value * np.uint32(constant)
+        return value ^ (value >> np.uint32(16))
+
+    def mixed(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        value = np.uint32(MIX_LEFT) * one - np.uint32(MIX_RIGHT) * other
+        return value ^ (value >> np.uint32(16))
+
+    with np.errstate(over="ignore"):  # all products and sums are those of 32 bits
+        pool = [hashed(word) for word in entropy[:POOL]]
+        for source in range(POOL):
+            for target in range(POOL):
+                if source != target:
+                    pool[target] = mixed(pool[target], hashed(pool[source]))
+        for word in (*entropy[POOL:], numbers):
+            pool = [mixed(own, hashed(word)) for own in pool]
+        constant, found = INIT_B, []
+        for k in range(2 * POOL):
+            value = pool[k % POOL] ^ np.uint32(constant)
+            constant = constant * MULT_B & WORD
+            value = value * np.uint32(constant)
+            found.append(value ^ (value >> np.uint32(16)))
+    return found
+
+
+def _stepped(state: tuple[np.ndarray, np.ndarray], increment: tuple[np.ndarray, np.ndarray]) -> tuple:
+    """Return ``state * MULTIPLIER + increment`` in 128 bits, each a pair of high and low words of 64."""
+    high, low = state
+    by_high, by_low = np.uint64(MULTIPLIER >> 64), np.uint64(MULTIPLIER & (2**64 - 1))
+    top = _high_of_product(low, by_low) + high * by_low + low * by_high
+    return _sum((top, low * by_low), increment)
+
+
+def _sum(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sum in 128 bits."""
+    low = one[1] + other[1]
+    return one[0] + other[0] + (low < one[1]), low
+
+
+def _high_of_product(one: np.ndarray, other: np.uint64) -> np.ndarray:
+    """Return the upper 64 bits of a product."""
+    word = np.uint64(WORD)
+    a, b, c, d = one >> HALF, one & word, other >> HALF, other & word
+    middle = a * d + (b * d >> HALF)
+    crossed = b * c + (middle & word)
+    return a * c + (middle >> HALF) + (crossed >> HALF)
+
+
+BITS = 30  # of the numbers of a Sobol sequence
+MOST_OF_LATIN_HYPERCUBE = 100_000_000  # samples: every rank holds 4 bytes a parameter of each
+OF_ORDER, OF_SCRAMBLE, OF_BLOCKS, OF_RARE = 0, 1, 2, 3  # first keys of streams that are no sample's
+
+
+class Design(Protocol):
+    """Uniform numbers between 0 and 1 of numbered samples.
+
+    Attributes
+    ----------
+    extends
+        Whether a longer run has the samples of a shorter one.
+    """
+
+    extends: bool
+
+    def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return those of samples first to last - 1, shape (last - first, d)."""
+
+
+class Independent:
+    """Independent random samples.
+
+    Parameters
+    ----------
+    seed
+        Of all streams.
+    d
+        Number of parameters.
+    """
+
+    extends = True
+
+    def __init__(self, seed: int, d: int) -> None:
+        self._seed, self._d = seed, d
+
+    def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return the uniform numbers; see `Design`."""
+        return first_numbers(self._seed, np.arange(first, last), self._d)
+
+
+class LatinHypercube:
+    """A Latin hypercube of n samples; see `Independent`.
+
+    Raises
+    ------
+    InputError
+        If its permutations would not fit in memory.
+    """
+
+    extends = False
+
+    def __init__(self, seed: int, d: int, n: int) -> None:
+        if n > MOST_OF_LATIN_HYPERCUBE:
+            raise InputError(
+                f"-n {n} with the sampler latin_hypercube: at most {MOST_OF_LATIN_HYPERCUBE:,} samples, since every "
+                "rank holds the order of all; take sobol"
+            )
+        self._n, self._within = n, Independent(seed, d)
+        self._slices = [stream(seed, OF_ORDER, k).permutation(np.arange(n, dtype=np.uint32)) for k in range(d)]
+
+    def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return the uniform numbers; see `Design`."""
+        slices = np.array([order[first:last] for order in self._slices], dtype=float).T
+        return (slices + self._within.uniform(first, last)) / self._n
+
+
+class Replicates:
+    """Scrambled Sobol sequences that take turns; see `Independent`.
+
+    Parameters
+    ----------
+    n_replicates
+        Number of sequences.
+    purpose
+        First key of the streams that scramble them.
+    """
+
+    extends = True
+
+    def __init__(self, seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> None:
+        self._n, self._d = n_replicates, d
+        self._sequences = [Scrambled(d, stream(seed, purpose, number)) for number in range(n_replicates)]
+
+    def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return the uniform numbers; see `Design`."""
+        found = np.empty((last - first, self._d))
+        for number, sequence in enumerate(self._sequences):
+            begin = first + (number - first) % self._n  # its first sample from `first` on
+            here = np.arange(begin, last, self._n)
+            if here.size:
+                found[here - first] = sequence.points(begin // self._n, here.size)
+        return found
+
+
+class Blocks:
+    """Saltelli's blocks, of scrambled Sobol sequences that take turns; see `Replicates`."""
+
+    extends = True
+
+    def __init__(self, seed: int, d: int, n_replicates: int) -> None:
+        self._d, self._base = d, Replicates(seed, 2 * d, n_replicates, OF_BLOCKS)
+
+    def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return the uniform numbers; see `Design`."""
+        d, size = self._d, self._d + 2
+        if first == last:
+            return np.empty((0, d))
+        begin, end = first // size, -(-last // size)
+        base = self._base.uniform(begin, end)
+        blocks = np.repeat(base[:, None, :d], size, axis=1)
+        for k in range(d):
+            blocks[:, k + 1, k] = base[:, d + k]
+        blocks[:, d + 1] = base[:, d:]
+        return blocks.reshape(-1, d)[first - begin * size : last - begin * size]
+
+
+class Scrambled:
+    """One scrambled Sobol sequence, any stretch of it.
+
+    Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
+
+    Parameters
+    ----------
+    d
+        Dimensions.
+    random
+        What scrambles it.
+    """
+
+    def __init__(self, d: int, random: np.random.Generator) -> None:
+        from scipy.stats import qmc  # half a second, which other designs need not wait for
+
+        self._sequence = qmc.Sobol(d, scramble=True, bits=BITS, seed=random)
+
+    def points(self, first: int, n: int) -> np.ndarray:
+        """Return points first to first + n - 1, shape (n, d)."""
+        if first < self._sequence.num_generated:
+            self._sequence.reset()
+        if first > self._sequence.num_generated:
+            self._sequence.fast_forward(first - self._sequence.num_generated)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a stretch that is no power of two
+            return self._sequence.random(n) + 0.5 ** (BITS + 1)
+
+
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the random stream of a sample, or with two keys of something else, that the seed leads to."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
+
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
@@ -248,8 +509,8 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
         fine &= values[name] > 0.0
     for name in scene.parameters_not_negative:
         fine &= values[name] >= 0.0
-    for _, _, lower, upper in ordered_ends(scene):
-        fine &= scene.number(lower, values) < scene.number(upper, values)
+    for _, _, lower, upper, share in ordered_ends(scene):
+        fine &= scene.number(lower, values) < share * scene.number(upper, values)
     return fine
 
 

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.ensemble.allotment import Plan, SampleFile
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.columns import Columns
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
+from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import Place, ShardSamples

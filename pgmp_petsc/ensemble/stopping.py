@@ -1,34 +1,247 @@
-"""When an ensemble has samples enough: rules looked at on a fixed schedule (`looks`), and a budget of time.
+"""When an ensemble has samples enough: rules, the looks at which they are tested, and a budget of time.
 
-Rules decide on the figures of all samples so far, at numbers of samples that nothing measured has a part in: the same
-stop on any ranks and after a resume. A budget depends on the machine. It decides on how many samples the last stage
-has, from the time that those of the one before took; the value of no sample decides with it, so that intervals hold.
+The text behind ``--until`` is a rule:
+
+    rule    = figure precision
+    figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number ")"
+    precision = "<" number "%"  |  ("+-" | "±") number ["%"]
+
+A quantity is an output, or ``<output>.max`` and ``<output>.min`` where the scene asks for extremes; a label is that of
+an event of ``ensemble.probabilities``. The precision is half the width of the figure's confidence interval: a share of
+the figure, or in its own unit. Rules are tested on all samples so far at fixed numbers of samples: the same stop on any
+ranks and after a resume. A budget decides on the size of the last stage from the time of the one before; the value of
+no sample decides with it, so that intervals hold.
+
+One looks after n, 2 n, 4 n, ... samples, n the same for whoever looks, and stops where the intervals are narrow enough.
+Widths are estimates of numbers that fall with the square root of the samples: as the precision that is asked for gets
+finer, the stop is more and more surely at the look where the true width first is small enough, or, where the true width
+just is what is asked for, at this look or the next (Anscombe, Mathematical Proceedings of the Cambridge Philosophical
+Society 48 (1952) 600-607; Chow and Robbins, Annals of Mathematical Statistics 36 (1965) 457-462).
+
+Errors at n and 2 n samples, Z_1 and Z_2 in deviations of their own, are jointly normal with the correlation ``1 /
+sqrt(2)``. Widths at n are jointly normal with Z_1 too, in whatever way, and know nothing of the samples after n. One
+stops where they all are small enough, a convex set, so that the share s(z) of the ensembles with ``Z_1 = z`` that stop
+is log-concave (Prekopa, Acta Scientiarum Mathematicarum 34 (1973) 335-343), a mixture of intervals of z. The interval
+at the stop misses with the probability
+
+    P(|Z_2| > z) + E[s(Z_1) (1[|Z_1| > z] - P(|Z_2| > z | Z_1))],
+
+and no interval of Z_1 makes more of that than ``Z_1 > z``: with ``P(|Z| > z) = a`` it is at most
+
+    a + a / 2 - P(Z_1 > z, |Z_2| > z) = alpha,
+
+which gives the level ``1 - a`` of the intervals at every look. The stopped interval holds with a probability between
+``1 - alpha`` (the widths are the error itself: those that are off to one side stop, all others go on) and ``1 - a``
+(widths and errors have nothing in common): 95 and 96.3 % at 95 %. This goes for every figure of the ensemble, those
+that decide or not, and for several rules, which stop at the last one's look.
 """
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.description import Kept
-from pgmp_petsc.ensemble.looks import level_of_each, looks
-from pgmp_petsc.ensemble.quantities import came_true, quantity
-from pgmp_petsc.ensemble.rules import MOMENTS, Rule
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.ensemble.statistics import describe, of_event
-from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
+from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
 from pgmp_petsc.results.stopping import Stopping, reach_of
-from pgmp_petsc.runtime.errors import Remark, note, warning
+from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+    from pgmp_petsc.ensemble.checkpoint import Kept
+
+
+OPTION = "--until"
+EXAMPLES = "'std(angle) < 1 %', 'mean(angle) +- 1e-4' or 'P(deformation < -1.5e-4) +- 0.002'"
+MOMENTS = ("mean", "std")
+TOKEN = re.compile(
+    r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])|(?P<name>[A-Za-z_][\w.-]*)"
+    r"|(?P<sign>\+-|±|[()<>%]))"
+)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When a figure is known well enough.
+
+    Attributes
+    ----------
+    text
+        As it was given.
+    kind
+        ``mean``, ``std`` or ``P``.
+    quantity
+        Of a moment: name of the quantity. Of a probability: label of a scene's event, or empty.
+    event
+        Of a probability of the end of the run that the rule itself gives.
+    wanted
+        Half the width of the interval at most.
+    relative
+        Whether it is a share of the figure.
+    """
+
+    text: str
+    kind: str
+    quantity: str
+    event: Event | None
+    wanted: float
+    relative: bool
+
+    @property
+    def precision(self) -> str:
+        """The precision in words: ``1 %``, or ``0.002``."""
+        return f"{100 * self.wanted:g} %" if self.relative else f"{self.wanted:g}"
+
+
+def read_rule(text: str, scene: Scene) -> Rule:
+    """Read a rule.
+
+    Raises
+    ------
+    InputError
+        If it is none, with the place marked, or names what the scene does not have.
+    """
+    return _Reader(text, scene).rule()
+
+
+class _Reader:
+    """Takes a rule apart, from left to right."""
+
+    def __init__(self, text: str, scene: Scene) -> None:
+        self._text, self._scene, self._place = text, scene, 0
+
+    def rule(self) -> Rule:
+        kind = self._name("mean, std or P", (*MOMENTS, "P"))
+        self._sign("(")
+        quantity, event = self._quantity() if kind in MOMENTS else "", None
+        if kind == "P":
+            quantity, event = self._event()
+        self._sign(")")
+        relative = self._sign("<", "+-", "±") == "<"
+        place = self._place
+        wanted = self._number()
+        if not wanted > 0.0:
+            self._refuse("a positive precision", place)
+        if relative:
+            self._sign("%")
+        elif self._text[self._place :].strip() == "%":
+            self._sign("%")
+            relative = True
+        if self._text[self._place :].strip():
+            self._refuse("the end")
+        return Rule(self._text, kind, quantity, event, 0.01 * wanted if relative else wanted, relative)
+
+    def _quantity(self) -> str:
+        known = list(self._scene.outputs)
+        if self._scene.ensemble.extremes:
+            known += [f"{name}.{which}" for name in self._scene.outputs for which in DESCRIBED]
+        return self._name("the name of an output", known)
+
+    def _event(self) -> tuple[str, Event | None]:
+        """Read a label, or an output beyond a level."""
+        labels = self._scene.ensemble.probabilities
+        name = self._name("an output or a label of ensemble.probabilities", [*self._scene.outputs, *labels])
+        if name in labels:
+            return name, None
+        side = "above" if self._sign("<", ">") == ">" else "below"
+        return "", Event(output=name, **{side: self._number()})
+
+    def _name(self, expected: str, known: list[str] | tuple[str, ...]) -> str:
+        place = self._place
+        name = self._take("name")
+        if name is None:
+            self._refuse(expected)
+        if name not in known:
+            self._refuse(f"{expected}{nearest_name(name, known)}", place)
+        return name
+
+    def _number(self) -> float:
+        place, number = self._place, self._take("number")
+        if number is None:
+            self._refuse("a number")
+        if float(number) and not SMALLEST <= abs(float(number)) <= LARGEST:
+            self._refuse(f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g}", place)
+        return float(number)
+
+    def _sign(self, *allowed: str) -> str:
+        place = self._place
+        sign = self._take("sign")
+        if sign not in allowed:
+            self._refuse(" or ".join(f"'{one}'" for one in allowed if one != "±"), place)
+        return sign
+
+    def _take(self, kind: str) -> str | None:
+        """Return the next word where it is of a kind, and go on behind it."""
+        found = TOKEN.match(self._text, self._place)
+        if found is None or found[kind] is None:
+            return None
+        self._place = found.end()
+        return found[kind]
+
+    def _refuse(self, expected: str, place: int | None = None) -> None:
+        """Raise an error that marks a place, by default the present one."""
+        place = self._place if place is None else place
+        place += len(self._text[place:]) - len(self._text[place:].lstrip())
+        raise InputError(
+            f'{OPTION} "{self._text}": expected at character {place + 1}: {expected}; rules are such as {EXAMPLES}\n'
+            f"  {self._text}\n  {' ' * place}^"
+        )
+
+
+FIRST = 64  # samples at the first look, at least
+
+
+@cache
+def level_of_each(confidence: float) -> float:
+    """Return the level of the intervals at every look, so that the one at the stop has `confidence`."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr, ndtri
+
+    alpha = 1.0 - confidence
+    points, weights = np.polynomial.legendre.leggauss(64)
+
+    def excess(a: float) -> float:
+        z = -ndtri(0.5 * a)
+        # P(|Z_1| > z, |Z_2| > z): Z_2 = (Z_1 + Z') / sqrt(2), over Z_1 from z to where nothing is left
+        x = z + 5.0 * (points + 1.0)
+        tails = ndtr(x - np.sqrt(2.0) * z) + ndtr(-x - np.sqrt(2.0) * z)
+        both = 2.0 * 5.0 * np.sum(weights * np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) * tails)
+        return 1.5 * a - 0.5 * both - alpha
+
+    return 1.0 - float(brentq(excess, 0.5 * alpha, alpha, xtol=1e-14))
+
+
+def looks(unit: int, most: int) -> Iterator[int]:
+    """Yield the numbers of samples at which one looks.
+
+    Parameters
+    ----------
+    unit
+        Of which all but the last are multiples.
+    most
+        The last.
+    """
+    n = unit
+    while n < FIRST:
+        n *= 2
+    while n < most:
+        yield n
+        n *= 2
+    yield most
+
 
 RESERVE = 0.95  # of a budget, for the samples
 PROBE = 8  # samples that tell what one takes
@@ -37,7 +250,7 @@ MOST = 10**9
 
 @dataclass(frozen=True)
 class Stop:
-    """What ends an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
+    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
 
     `start` is the instant (`time.monotonic`) from which the budget counts.
     """
@@ -48,7 +261,7 @@ class Stop:
 
     @property
     def left(self) -> float:
-        """What is left of the budget, s."""
+        """Rest of the budget, s."""
         return np.inf if self.budget is None else RESERVE * self.budget - (time.monotonic() - self.start)
 
 

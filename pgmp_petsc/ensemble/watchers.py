@@ -1,10 +1,11 @@
-"""What looks at the runs of an ensemble's batches while they go on, and adds arrays to what is kept of the samples.
+"""Watchers: they follow the runs of an ensemble's batches and add arrays to what is kept of the samples.
 
-Samples of full-order and component models whose coordinates leave their ranges, where a deformation is an output.
-
-Such a model goes on beyond the range, but the deformation is not known there: neither its extremes, nor whether it ever
-passes a level. A sample that leaves the range at the end of any step has failed, though it may come back; so it is with
-a single run. Reduced models stop there by themselves.
+`RangeWatch` fails samples of full-order and component models whose coordinate leaves its range at the end of any step,
+where a deformation is an output: such a model goes on beyond, but the deformation is not known there. Reduced models
+stop by themselves. `OverTimeWatcher` keeps extremes, first passages of levels, and values at the instants of the bands.
+A first passage lies where the straight line between the ends of two steps crosses the level; it is known to a step, as
+extremes are known at the ends of steps alone. A sample that fails has none of these, and one whose output is no number
+for a while has no extremes of it.
 """
 
 from __future__ import annotations
@@ -16,16 +17,19 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.energies import Energies, RunningBalance
-from pgmp_petsc.dynamics.generalised_alpha import Run, TrailObserver
+from pgmp_petsc.dynamics.generalised_alpha import Run, TrailObserver, count_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
-from pgmp_petsc.models import FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
+from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.balance import BALANCE
+from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.scene.ensemble import Ensemble, Event
+from pgmp_petsc.scene.numerics import Simulation
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -276,3 +280,205 @@ class RangeWatch:
             status=np.where(lost, Status.LEFT_RANGE, done.status),
             failure_time=np.where(lost, self._time, done.failure_time),
         )
+
+
+LARGEST = 1 << 16  # states of reduced samples that are evaluated together
+
+
+def band_steps(simulation: Simulation, most: int) -> np.ndarray:
+    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between.
+
+    At most `most` of them, none for 0.
+    """
+    if not most:
+        return np.zeros(0, dtype=int)
+    n_steps = count_steps(simulation.duration, simulation.step)
+    return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
+
+
+class OverTimeWatcher:
+    """Keeps what is asked for of the outputs over time.
+
+    Parameters
+    ----------
+    model
+        The model.
+    with_bands
+        Whether values at the instants of the bands are kept.
+    asked
+        What is asked for; by default what the scene asks for.
+    """
+
+    def __init__(self, model: Model, with_bands: bool, asked: Ensemble | None = None) -> None:
+        asked = model.scene.ensemble if asked is None else asked
+        self._model, self._extremes = model, asked.extremes
+        self._outputs = list(model.outputs.functions)
+        self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
+        self._steps = band_steps(model.scene.simulation, asked.bands if with_bands else 0)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether there is anything to keep."""
+        return bool(self._outputs) and bool(self._extremes or self._events or self._steps.size)
+
+    def empty(self, n: int) -> Found:
+        """Return what is known of n samples before their runs: nothing."""
+        columns = {f"{name}/{which}": np.full(n, np.nan) for name in self._outputs for which in EXTREMES}
+        return {
+            "extremes": columns if self._extremes else {},
+            "first_passages": {label: np.full(n, np.nan) for label in self._events},
+            "bands": {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size},
+        }
+
+    def watch(self, begun: Begun) -> _OverTimeWatch:
+        """Begin to watch a run."""
+        scene = self._model.scene.simulation
+        divisor = count_steps(begun.simulation.duration, begun.simulation.step) // count_steps(
+            scene.duration, scene.step
+        )
+        return _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
+
+
+class _OverTimeWatch:
+    """Looks at one run; `steps` are the numbers of those of the bands in this run."""
+
+    def __init__(self, model: Model, begun: Begun, extremes: bool, events: dict[str, Event], steps: np.ndarray) -> None:
+        self._model, self._begun, self._steps = model, begun, steps
+        n, names = begun.system.n_samples, list(model.outputs.functions)
+        self._extremes = {name: _Extremes(n) for name in names} if extremes else {}
+        self._passages = {label: _Passage(event, n) for label, event in events.items()}
+        self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
+        self._looks_always = bool(self._extremes or self._passages)
+        self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
+        self.observer = self
+        # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
+        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._n_waiting = 0
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        if isinstance(self._model, REDUCED):
+            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
+        elif self._looks_always or number in self._steps:
+            self._see(number, time, state)
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `TrailObserver`."""
+        looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
+        if not isinstance(self._model, REDUCED):
+            for k in looked_at:
+                self._see(int(numbers[k]), float(times[k]), State(*trail[k], np.zeros(0)))
+            return
+        # what is observed of reduced samples is cheap for many at once, so a few states wait for others
+        together = max(1, LARGEST // self._begun.system.n_samples)
+        for first in range(0, looked_at.size, together):
+            some = looked_at[first : first + together]
+            self._n_waiting += some.size
+            self._waiting.append((numbers[some], times[some], trail[some, :2]))
+            if self._n_waiting >= together:
+                self._evaluate()
+
+    def _see(self, number: int, time: float, state: State) -> None:
+        """Evaluate the outputs in a state."""
+        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
+        self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
+
+    def _evaluate(self) -> None:
+        """Evaluate the outputs in the states that wait."""
+        if not self._waiting:
+            return
+        numbers, times, states = (np.concatenate(parts) for parts in zip(*self._waiting))
+        self._waiting, self._n_waiting = [], 0
+        n = states.shape[2]
+        values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
+        with np.errstate(all="ignore"):  # as above
+            eta, v = np.moveaxis(states, 1, 0).reshape(2, numbers.size * n, -1)
+            found = self._model.outputs.evaluate(self._model.observed_of(eta, values, v))
+        self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
+
+    def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
+        for name, extremes in self._extremes.items():
+            extremes.take(times, outputs[name])
+        for passage in self._passages.values():
+            passage.take(times, outputs[passage.event.output])
+        of_bands, places = self._of_bands(numbers)
+        for name, band in self._bands.items():
+            band[:, places] = outputs[name][of_bands].T
+
+    def _of_bands(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of these steps are steps of the bands, and which of those they are."""
+        if not self._steps.size:
+            return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+        # both are in order: numpy's isin would first sort them, many times in a run
+        places = np.minimum(np.searchsorted(self._steps, numbers), self._steps.size - 1)
+        there = np.flatnonzero(self._steps[places] == numbers)
+        return there, places[there]
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return what was kept, NaN for samples that failed."""
+        self._evaluate()
+        samples = self._begun.samples
+        lost = (status != Status.FINE)[samples]
+        kept: Found = {
+            "extremes": {f"{name}/{w}": v for name, one in self._extremes.items() for w, v in one.found().items()},
+            "first_passages": {label: passage.time for label, passage in self._passages.items()},
+            "bands": self._bands,
+        }
+        return {
+            kind: {
+                name: np.where(lost.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values[samples])
+                for name, values in arrays.items()
+            }
+            for kind, arrays in kept.items()
+        }
+
+
+class _Extremes:
+    """The largest and the smallest values of an output so far, and when they were reached first."""
+
+    def __init__(self, n: int) -> None:
+        self._values = {"max": np.full(n, -np.inf), "min": np.full(n, np.inf)}
+        self._times = {"max": np.zeros(n), "min": np.zeros(n)}
+        self._unknown = np.zeros(n, dtype=bool)
+
+    def take(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Take in values (n_t, n) at some instants (n_t,)."""
+        self._unknown |= np.isnan(values).any(axis=0)
+        for which, place in (("max", np.argmax(values, axis=0)), ("min", np.argmin(values, axis=0))):
+            here = np.take_along_axis(values, place[None], axis=0)[0]
+            further = here > self._values[which] if which == "max" else here < self._values[which]
+            self._values[which] = np.where(further, here, self._values[which])
+            self._times[which] = np.where(further, times[place], self._times[which])
+
+    def found(self) -> dict[str, np.ndarray]:
+        """Return the columns; NaN where the output was no number for a while."""
+        columns = self._values | {f"time_of_{which}": times for which, times in self._times.items()}
+        return {which: np.where(self._unknown, np.nan, column) for which, column in columns.items()}
+
+
+class _Passage:
+    """The instant at which an output first passes a level, NaN until it does."""
+
+    def __init__(self, event: Event, n: int) -> None:
+        self.event, self.time = event, np.full(n, np.nan)
+        self._sign = 1.0 if event.above is not None else -1.0
+        self._before: tuple[float, np.ndarray] | None = None
+
+    def take(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Take in values (n_t, n) at some instants (n_t,)."""
+        excess = self._sign * (values - self.event.level)
+        for time, now in zip(times, excess):
+            passed = (now > 0.0) & np.isnan(self.time)
+            if passed.any():
+                self.time[passed] = self._crossing(time, now)[passed]
+            self._before = time, now
+
+    def _crossing(self, time: float, now: np.ndarray) -> np.ndarray:
+        """Return where the line from the instant before crosses the level; at the start, the start."""
+        if self._before is None:
+            return np.full(now.shape, time)
+        earlier, before = self._before
+        with np.errstate(all="ignore"):
+            share = np.where(before < 0.0, before / (before - now), np.isnan(before))  # no number before: here
+        return earlier + share * (time - earlier)

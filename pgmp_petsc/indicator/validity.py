@@ -20,12 +20,14 @@ known where the model has terms of second order.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.line_bodies import length_share
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
@@ -213,18 +215,12 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
     space a section bends both ways, and the distance is half its diagonal.
     """
     section = scene.bodies[body].section
-    if section.shape == "circle":
-        return scene.number(section.radius, values)
-    if section.shape == "rectangle":
-        height = scene.number(section.height, values)
-        if scene.dimension == 2:
-            return 0.5 * height
-        return 0.5 * np.hypot(height, scene.number(section.width, values))
-    if section.shape == "coefficients":
-        bending = scene.number(section.bending, values)
-    else:
-        bending = np.maximum(*(scene.number(entry, values) for entry in (section.bending_2, section.bending_3)))
-    return 2.0 * np.sqrt(bending / scene.number(section.axial, values))
+    if section.reach is None:
+        resists = BeamSection.of(scene, body)
+        bending = reduce(np.maximum, (part.at(values) for part in resists.bending))
+        return 2.0 * np.sqrt(bending / resists.axial.at(values))
+    along_2, along_3 = (reach.at(values) for reach in section.reach)
+    return along_2 if scene.dimension == 2 or section.round else np.hypot(along_2, along_3)
 
 
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tuple[Remark, ...]:
@@ -270,7 +266,7 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     by_coefficients = [
         name
         for name, body in scene.bodies.items()
-        if body.flexible and body.section is not None and body.section.shape.startswith("coefficients")
+        if body.flexible and body.section is not None and body.section.reach is None
     ]
     if by_coefficients:
         remarks.append(

@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.section import BeamSection, SpatialSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import MEETING, Connection, joint, triad
@@ -25,10 +25,8 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.spanning_values import outermost_values
 
 GROUND = "ground"
-RARE = 1e-6  # share of samples beyond values that sections are made for
 
 
 def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]:
@@ -53,8 +51,7 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
         if entry.element == "beam3d":
             bodies[name] = _beam_in_space(scene, name, meshes[name])
             continue
-        material = None if entry.material is None else scene.materials[entry.material]
-        section = BeamSection.of(entry.section, material)
+        section = BeamSection.of(scene, name)
         if entry.flexible:
             bodies[name] = Body.beam(name, meshes[name], section, profiles_of(scene, name, meshes[name]))
         else:
@@ -97,10 +94,10 @@ def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
             f"along {(edges[parallel[0]] / np.linalg.norm(edges[parallel[0]])).round(6).tolist()} in its frame; "
             "needed: orientation = [x, y, z], a direction across all elements, that of the section's height"
         )
-    material = None if entry.material is None else scene.materials[entry.material]
-    section = SpatialSection.of(entry.section, material, scene.nominal, outermost_values(scene, RARE))
+    section = BeamSection.of(scene, name)
     if entry.flexible:
-        return Body.beam_in_space(name, mesh, section, axes, profiles_of(scene, name, mesh))
+        profiles, lever = profiles_of(scene, name, mesh), section.lever(scene.nominal)
+        return Body.beam_in_space(name, mesh, section, axes, profiles, lever)
     return replace(Body.condensed(name, rigid_line(name, mesh, section, axes)), shape=mesh)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.section import BeamSection, SpatialSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -200,13 +200,6 @@ def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -
 
 def _radius(scene: Scene, name: str) -> float:
     """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m."""
-    entry = scene.bodies[name]
-    material = None if entry.material is None else scene.materials[entry.material]
-    if entry.dimension == 2:
-        section = BeamSection.of(entry.section, material)
-        bending = (section.bending,)
-    else:
-        section = SpatialSection.of(entry.section, material, scene.nominal)
-        bending = section.bending
-    resists = np.mean([float(part.at(scene.values)) for part in bending])
+    section = BeamSection.of(scene, name)
+    resists = np.mean([float(part.at(scene.values)) for part in section.bending])
     return float(2.0 * np.sqrt(resists / float(section.axial.at(scene.values))))

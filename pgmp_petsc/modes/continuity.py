@@ -351,7 +351,7 @@ class GridNeighbours:
 
 @dataclass(frozen=True, eq=False)
 class GridBasis:
-    """What makes the vectors continuous.
+    """Rotations that make the vectors continuous.
 
     Attributes
     ----------

@@ -233,7 +233,7 @@ class CurvatureProblem:
 
 
 class _TurningJoints:
-    """What joints that turn with a body do to the displacements and forces of second order; all rows, every rank.
+    """Contribution of joints that turn with a body to displacements and forces of second order; all rows, every rank.
 
     Parameters
     ----------

@@ -253,7 +253,7 @@ def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Interior:
-    """What is constant over the configurations.
+    """The part that is constant over the configurations.
 
     Attributes
     ----------

@@ -31,7 +31,6 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Circle
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
 
@@ -259,9 +258,7 @@ def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | Bea
     if entry.material is None:
         return BeamLaw(None, None, False)
     modulus, section = Quantity.of(scene.materials[entry.material].E), entry.section
-    if isinstance(section, Circle):
-        return BeamLaw(modulus, (Quantity.of(section.radius),) * 2, True)
-    return BeamLaw(modulus, (0.5 * Quantity.of(section.height), 0.5 * Quantity.of(section.width)), False)
+    return BeamLaw(modulus, section.reach, section.round)
 
 
 def quantities_of(scene: Scene, name: str) -> dict[str, str]:

@@ -29,22 +29,24 @@ from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of, interpolation_errors, midpoints
-from pgmp_petsc.reduction.definiteness import indefinite_between
-from pgmp_petsc.reduction.greedy_points import choose_points
+from pgmp_petsc.reduction.continuous_basis import (
+    ContinuousBasis,
+    JoinedSamples,
+    SampleStore,
+    compression_of,
+    interpolation_errors,
+    midpoints,
+)
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.mode_changes import StiffnessChanges, mode_changes
-from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
-from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
-from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
 from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
-from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
+from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
 from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
-from pgmp_petsc.reduction.store import SampleStore
-from pgmp_petsc.reduction.tables import flipping_signs
+from pgmp_petsc.reduction.tables import flipping_signs, indefinite_between, rigid_inertia
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord

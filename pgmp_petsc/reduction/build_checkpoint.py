@@ -7,6 +7,7 @@ one every `INTERVAL`, so that quick builds do not spend their time with files.
 
 from __future__ import annotations
 
+import io
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -14,15 +15,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar
 
+import h5py
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.large_deformation import LargeDeformation
-from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.rom_file import BodyFile
 from pgmp_petsc.reduction.sampler import Sample
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
@@ -31,16 +30,14 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.seal import BrokenSeal, identity
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 6
+FORMAT = 7
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
-NAMED = ("groups", "regions")  # of a mesh
-OF_COMPONENT, OF_LARGE = ("mass", "stiffness", "moments"), ("third", "stretching")  # terms by weight
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
 
 class BuildCheckpoint:
-    """What of a build is finished. Collective on ``group.world`` where it is made.
+    """The finished part of a build. Collective on ``group.world`` where it is made.
 
     Parameters
     ----------
@@ -91,23 +88,11 @@ class BuildCheckpoint:
         """Keep a condensed body; by the first rank of its group."""
         if self._group.comm.rank > 0:
             return
-        arrays = {key: getattr(component, key) for key in ("centres", "fields", "probes")}
-        arrays |= {"frames": np.array(list(component.frames)), "numbers": np.array(list(component.frames.values()))}
-        arrays["body"] = np.array(name)
-        arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
-        if component.rigid:
-            arrays["centre_of_mass"] = component.centre_of_mass
-        if component.recovery is not None:
-            arrays |= _of_recovery(component.recovery)
-        terms = {kind: getattr(component, kind) for kind in OF_COMPONENT}
-        if component.foreshortening is not None:
-            arrays["foreshortening"] = component.foreshortening
-        if component.large is not None:
-            terms |= {kind: getattr(component.large, kind) for kind in OF_LARGE}
-            arrays["slenderness"] = np.array(component.large.slenderness)
-        for kind, own in terms.items():
-            arrays |= {kind: np.array(list(own.values())), f"{kind}_weights": np.array([str(w) for w in own])}
-        self._folder.put(f"component-{name}", arrays)
+        stream = io.BytesIO()
+        with h5py.File(stream, "w") as file:
+            BodyFile.unfinished(component).put(file)
+        content = np.frombuffer(stream.getvalue(), np.uint8)
+        self._folder.put(f"component-{name}", {"body": np.array(name), "content": content})
 
     def sample(self, theta: np.ndarray, problem: ModalProblem) -> Sample | None:
         """Return the finished sample at a configuration (n_theta,), the problem's rows of it, or None."""
@@ -180,47 +165,5 @@ def _samples(arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarr
 
 def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
     """Return a condensed body by its name."""
-
-    def terms(kinds: tuple[str, ...]) -> dict[str, dict[Monomial, np.ndarray]]:
-        return {
-            kind: {Monomial.parse(str(w)): term for w, term in zip(arrays[f"{kind}_weights"], arrays[kind])}
-            for kind in kinds
-        }
-
-    large = None
-    if "slenderness" in arrays:
-        large = LargeDeformation(slenderness=float(arrays["slenderness"]), **terms(OF_LARGE))
-    component = Component(
-        frames={str(name): int(number) for name, number in zip(arrays["frames"], arrays["numbers"])},
-        centres=arrays["centres"],
-        fields=arrays["fields"],
-        probes=arrays["probes"],
-        n_mesh_dofs=int(arrays["n_mesh_dofs"]),
-        error=float(arrays["error"]),
-        centre_of_mass=arrays["centre_of_mass"] if "centre_of_mass" in arrays else None,
-        recovery=_recovery(arrays) if "mesh_kind" in arrays else None,
-        large=large,
-        foreshortening=arrays["foreshortening"] if "foreshortening" in arrays else None,
-        **terms(OF_COMPONENT),
-    )
-    return {str(arrays["body"]): component}
-
-
-def _of_recovery(recovery: Recovery) -> dict[str, np.ndarray]:
-    """Return the arrays of the mesh of a condensed body and of its displacements there."""
-    mesh = recovery.carrier
-    arrays = {"mesh_kind": np.array(mesh.kind), "mesh_nodes": mesh.nodes, "mesh_cells": mesh.cells}
-    arrays |= {"mesh_shapes": recovery.shapes, "mesh_answered": np.array(recovery.answered)}
-    for name in NAMED:
-        table = getattr(mesh, name)
-        arrays[f"mesh_{name}"] = np.array(list(table), dtype=str)
-        arrays |= {f"mesh_{name}_{k}": numbers for k, numbers in enumerate(table.values())}
-    return arrays
-
-
-def _recovery(arrays: Mapping[str, np.ndarray]) -> Recovery:
-    named = {
-        name: {str(key): arrays[f"mesh_{name}_{k}"] for k, key in enumerate(arrays[f"mesh_{name}"])} for name in NAMED
-    }
-    mesh = SolidMesh(str(arrays["mesh_kind"]), arrays["mesh_nodes"], arrays["mesh_cells"], **named)
-    return Recovery(mesh, arrays["mesh_shapes"], bool(arrays["mesh_answered"]))
+    with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
+        return {str(arrays["body"]): BodyFile.take(file).shape}

@@ -15,6 +15,10 @@ differ by more than the tolerance, both halves of the interval are sampled in th
 to what they act beside: mass to the modes' unit mass, stiffness entry (i, j) to the geometric mean of the diagonal
 ones, loads and inertia forces to their own largest values. Tables of second order in the deformation follow, but are
 not compared: they correct the others by small amounts, and may vanish but for round-off.
+
+The samples of all groups of ranks are joined with small matrices alone, eigenvalues and overlaps of neighbouring modes:
+once the overlaps of neighbours that different groups hold are known, the first rank works out every sample's rotation,
+whoever computed it.
 """
 
 from __future__ import annotations
@@ -27,13 +31,202 @@ import numpy as np
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.modes.continuity import procrustes
+from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours, procrustes
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
 from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
+from pgmp_petsc.runtime.groups import RankGroup
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedSamples:
+    """All samples in order, and what makes them continuous.
+
+    Attributes
+    ----------
+    tables
+        `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases.
+    shapes
+        Flexible vectors, all rows, shape (n, n_dofs, w): kept ones and snapshots.
+    rotations
+        ``V_continuous = V Q``, shape (n, w, w).
+    cosines
+        Cosine of the largest angle of a group of modes to a sample before, shape (n,).
+    flipped
+        Whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, w).
+    groups
+        Numbers of the kept vectors of each group.
+    """
+
+    tables: dict[str, np.ndarray]
+    shapes: np.ndarray
+    rotations: np.ndarray
+    cosines: np.ndarray
+    flipped: np.ndarray
+    groups: list[np.ndarray]
+
+    @property
+    def n_kept(self) -> int:
+        """Number of kept vectors."""
+        return sum(group.size for group in self.groups)
+
+
+def join_samples(
+    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
+) -> JoinedSamples | None:
+    """Join the samples. Collective on ``group.world``.
+
+    Parameters
+    ----------
+    owners
+        Number of the group that holds each sample, shape (n,).
+    own
+        This group's samples by their number.
+    samples
+        All configurations.
+
+    Returns
+    -------
+    JoinedSamples or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    RunError
+        If the modes cannot be made continuous (first rank).
+    """
+    overlaps = _overlaps(group, owners, own, samples)
+    shapes = {k: _all_rows(group, own[k].shape) for k in sorted(own)}
+    if group.roots is None:
+        return None
+    found = {k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()}
+    everything = group.roots.gather(found)
+    if group.world.rank > 0:
+        return None
+    ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
+    tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
+    overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
+    shapes = np.array([shape for _, shape, _ in ordered])
+    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps)
+    basis = GridBasis.of(neighbours, tables["canonical"][0])
+    # the snapshots of every parameter point turn as the kept vectors do
+    times = shapes.shape[2] // overlaps.shape[-1]
+    return JoinedSamples(
+        tables=tables,
+        shapes=shapes,
+        rotations=_block_diagonal(basis.rotations, times),
+        cosines=basis.cosines,
+        flipped=np.tile(basis.flipped, times),
+        groups=basis.groups,
+    )
+
+
+def _block_diagonal(blocks: np.ndarray, times: int) -> np.ndarray:
+    """Return matrices (n, m, m), each several times along a diagonal, shape (n, m times, m times)."""
+    n, m, _ = blocks.shape
+    result = np.zeros((n, m * times, m * times))
+    for first in range(0, m * times, m):
+        result[:, first : first + m, first : first + m] = blocks
+    return result
+
+
+def _overlaps(
+    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
+) -> dict[int, np.ndarray]:
+    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept).
+
+    The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
+    all groups, so that nobody waits in a circle.
+    """
+    overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
+    for axis in range(samples.n_coordinates):
+        for here, before in enumerate(samples.before(axis)):
+            giver, taker = owners[before], owners[here]
+            if before < 0 or group.index not in (giver, taker):
+                continue
+            if giver == taker:
+                rows = own[before].kept
+            elif group.index == giver:
+                whole = _all_rows(group, own[before].kept)
+                if group.roots is not None:
+                    group.roots.send(whole, dest=int(taker), tag=here)
+                continue
+            else:
+                whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
+                rows = _own_rows(group, own[here], group.comm.bcast(whole))
+            product = own[here].mass_kept.T @ rows
+            overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
+    return overlaps
+
+
+def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
+    """Return the rows of all ranks of the group on its first one, None elsewhere."""
+    if group.comm.size == 1:
+        return rows
+    parts = group.comm.gather(rows)
+    return None if parts is None else np.concatenate(parts)
+
+
+def _own_rows(group: RankGroup, sample: Sample, whole: np.ndarray) -> np.ndarray:
+    counts = group.comm.allgather(len(sample.shape))
+    first = sum(counts[: group.comm.rank])
+    return whole[first : first + len(sample.shape)]
+
+
+class SampleStore:
+    """Who holds which sample, and this group's own ones. All ranks keep the same books.
+
+    Parameters
+    ----------
+    group
+        Groups of ranks; new configurations are dealt to them in contiguous arcs.
+    samples
+        The configurations to begin with.
+    """
+
+    def __init__(self, group: RankGroup, samples: SampleGrid) -> None:
+        self._group = group
+        self._range = samples
+        self._theta = np.empty((0, samples.n_coordinates))
+        self._owners = np.empty(0, dtype=int)
+        self._own: dict[int, Sample] = {}
+        self.request(samples.theta)
+
+    @property
+    def samples(self) -> SampleGrid:
+        """All configurations, in order."""
+        return self._range.tabulated(self._theta)
+
+    def request(self, theta: np.ndarray) -> None:
+        """Deal out further configurations, shape (n, n_theta), in order; with those before they make a grid."""
+        shares = [len(share) for share in self._group.arcs(len(theta))]
+        self._theta = np.concatenate([self._theta, theta])
+        self._owners = np.concatenate([self._owners, np.repeat(np.arange(len(shares)), shares)])
+
+    def missing(self) -> dict[int, np.ndarray]:
+        """Return number and theta (n_theta,) of the samples that this group still has to compute."""
+        own = np.flatnonzero(self._owners == self._group.index)
+        return {int(k): self._theta[k] for k in own if int(k) not in self._own}
+
+    def put(self, number: int, sample: Sample) -> None:
+        """Keep a sample of this group."""
+        self._own[number] = sample
+
+    def join(self) -> JoinedSamples | None:
+        """Join all samples in their order; on the first rank, None elsewhere. Collective on all ranks."""
+        return join_samples(self._group, self._owners[self._order()], self.own(), self.samples)
+
+    def own(self) -> dict[int, Sample]:
+        """Return this group's samples by their place in the order of all."""
+        place = np.argsort(self._order())
+        return {int(place[number]): sample for number, sample in sorted(self._own.items())}
+
+    def _order(self) -> np.ndarray:
+        """Return the numbers of the samples in their order, the last coordinate fastest."""
+        return np.lexsort(self._theta.T[::-1])
 
 
 @dataclass(frozen=True, eq=False)

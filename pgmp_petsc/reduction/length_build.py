@@ -18,11 +18,11 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
-from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
 from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.tables import indefinite_between
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
 from pgmp_petsc.runtime.timings import Timings
@@ -33,7 +33,8 @@ from pgmp_petsc.scene.spanning_values import spanning_values
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.reduction.rom import ParameterPoints, ReducedOrderModel
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.reduction.sample_grid import ParameterPoints
 
 Build = Callable[
     [Scene, Mapping[str, BodyShape], SampleGrid | None, "ParameterPoints | None"], "ReducedOrderModel | None"

@@ -26,8 +26,7 @@ from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
-from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ReducedTables, rigid_inertia
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:

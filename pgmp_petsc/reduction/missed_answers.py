@@ -1,12 +1,12 @@
-"""What a basis misses of the static answers to its own loads away from the nominal parameters.
+"""The part of the static answers to its own loads that a basis misses away from the nominal parameters.
 
 Every flexible vector answers a load at the nominal parameters p0, ``K(p0) psi_j = l_j(p0)`` but for joint forces: a
-mode its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other parameters
-the answers to these loads are other vectors. A basis holds them well in the energy norm, and so what bends; of the
-little energy of stretching and shear, it may have 20 to 130 % too much or too little of the force, in sections of 10 %
-other radius. The answers with the nominal stiffness are known beforehand, so that what a reduced state misses is
-corrected as the loads are: with ``Psi^T L(p) g = K_r(p) delta``, the loads that the state is in equilibrium with, and
-rigid accelerations that balance these,
+mode its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other
+parameters the answers to these loads are other vectors. A basis holds them well in the energy norm, and so what bends;
+of the little energy of stretching and shear, it may have 20 to 130 % too much or too little of the force, in sections
+of 10 % other radius. The answers with the nominal stiffness are known beforehand, so that what a reduced state misses
+is corrected as the loads are: with ``Psi^T L(p) g = K_r(p) delta``, the loads that the state is in equilibrium with,
+and rigid accelerations that balance these,
 
     du = K(p0)^-1 (L(p) g - K(p) Psi delta),        forces and stresses:  D(p) S (Psi delta) + D(p0) S du,
 
@@ -83,7 +83,7 @@ class MissedAnswers:
 
 
 class Missed:
-    """What reduced states miss.
+    """The missing part of reduced states.
 
     Parameters
     ----------

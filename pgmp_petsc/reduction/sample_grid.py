@@ -1,6 +1,5 @@
-"""Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate.
-
-Where a coordinate's range is sampled.
+"""Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate;
+and the points of the parameter space at which a basis takes further modes.
 """
 
 from __future__ import annotations
@@ -143,3 +142,33 @@ class SampleGrid:
         """Return a grid of these configurations (n, n_theta), in any order, over the same ranges."""
         axes = (replace(axis, theta=np.unique(part)) for axis, part in zip(self.axes, configurations.T))
         return SampleGrid(tuple(axes))
+
+
+@dataclass(frozen=True)
+class ParameterPoints:
+    """The points of a greedy choice.
+
+    Attributes
+    ----------
+    values
+        Values of the parameters, shape (n_points,) each.
+    missed
+        Largest share of the energy norm that the basis misses at any candidate: before, and with each further point.
+    n_vectors
+        Number of vectors that the basis takes from them.
+    """
+
+    values: dict[str, np.ndarray]
+    missed: np.ndarray
+    n_vectors: int
+
+    @property
+    def points(self) -> list[dict[str, float]]:
+        """The points one by one."""
+        n_points = len(self.missed) - 1
+        return [{name: float(column[k]) for name, column in self.values.items()} for k in range(n_points)]
+
+    @classmethod
+    def none(cls) -> ParameterPoints:
+        """Return no points."""
+        return cls({}, np.ones(1), 0)

@@ -25,7 +25,7 @@ TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "i
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What a group of ranks computed at one configuration, in the eigensolver's own basis.
+    """Results of a group of ranks at one configuration, in the eigensolver's own basis.
 
     The kept vectors are the eigenmodes, ascending, and after them the static modes of the loads. Snapshots of every
     parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations.

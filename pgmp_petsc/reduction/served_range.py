@@ -32,7 +32,7 @@ CURE = "build with distributions, or bounds, that hold them (pgmp build SCENE)"
 
 @dataclass(frozen=True)
 class Served:
-    """What a reduced model serves of a parameter.
+    """Values of a parameter that a reduced model serves.
 
     Attributes
     ----------

@@ -1,12 +1,15 @@
-"""What the basis of the nominal parameters misses at other parameter values: modes and static modes there.
-
-Few vectors in place of many snapshots, continuous over the configurations.
+"""Modes and static modes at other parameter values that the basis of the nominal parameters misses.
 
 The snapshots X(theta) of other parameter values, M-orthogonal to the kept vectors, are compressed by one constant
 matrix C for all configurations: the vectors ``E(theta) = X(theta) C`` are as continuous as the snapshots are, whatever
 happens to their order of importance along theta. C holds the leading eigenvectors of the mean Gram matrix
 ``mean_k X_k^T M X_k`` (a proper orthogonal decomposition in the M-norm over all samples).
-"""
+
+Where in the parameter space they are taken is a greedy choice. Candidates span the distributions
+(`scene.spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
+and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
+point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
+worst candidate hardly better. """
 
 from __future__ import annotations
 
@@ -17,10 +20,16 @@ from types import TracebackType
 import numpy as np
 from scipy.linalg import block_diag
 
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
+from pgmp_petsc.reduction.sample_grid import ParameterPoints
 from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.spanning_values import spanning_values
 
 
 class ParameterSnapshots:
@@ -162,3 +171,159 @@ def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray) ->
     while n and np.linalg.eigvalsh(everywhere[:, :n, :n])[:, 0].min() < INDEPENDENT:
         n -= 1
     return n
+
+
+N_CONFIGURATIONS = 8  # at least, over the middles of a grid
+MOST_POINTS = 4
+GAIN = 0.9  # a further point leaves less than this of the largest share, or is not worth its eigenproblems
+DIGITS = 6  # of the shares that are compared: round-off must not choose
+
+
+def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
+    """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        What static modes answer.
+
+    Raises
+    ------
+    InputError
+        If no parameter has a distribution: there is nowhere to take modes.
+    RunError
+        If an eigenproblem fails.
+    """
+    if not scene.reduction.parameter_modes:
+        return ParameterPoints.none()
+    spanned, n_samples = spanning_values(scene)
+    candidates = [{name: float(column[k]) for name, column in spanned.items()} for k in range(1, n_samples)]
+    if not candidates:
+        raise InputError(
+            f"reduction.parameter_modes = {scene.reduction.parameter_modes}: no parameter has a distribution (or a "
+            "value beside the nominal one) to take modes at; give one, or leave parameter_modes out"
+        )
+    with agreed(group.world, "choice of parameter points"):
+        shares = _Shares(scene, problem, loads, group, candidates)
+    chosen: list[int] = []
+    current = shares.of(chosen)
+    missed = [current.max()]
+    while len(chosen) < min(MOST_POINTS, len(candidates)):
+        trial = [*chosen, int(np.argmax(current))]
+        found = shares.of(trial)
+        if trial[-1] in chosen or (chosen and found.max() > GAIN * current.max()):
+            break
+        chosen, current = trial, found
+        missed.append(current.max())
+    values = {name: np.array([candidates[k][name] for k in chosen]) for name in spanned}
+    return ParameterPoints(values, np.array(missed), scene.reduction.parameter_modes)
+
+
+class _Shares:
+    """Missed shares of all candidates. Collective on ``group.world``."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        problem: ModalProblem,
+        loads: StaticLoads,
+        group: RankGroup,
+        candidates: Sequence[Mapping[str, float]],
+    ) -> None:
+        self._group, self._n_candidates = group, len(candidates)
+        self._n_vectors = scene.reduction.parameter_modes
+        self._own: list[_Configuration] = []
+        middles = _middles(problem.kinematics)
+        own = middles[list(group.arc(len(middles)))]
+        if not own.size:
+            return
+        with ParameterSnapshots(problem, loads, candidates) as snapshots:
+            for theta in own:
+                self._own.append(_Configuration.of(problem, snapshots, loads, theta))
+
+    def of(self, chosen: Sequence[int]) -> np.ndarray:
+        """Return the largest missed share of every candidate over the configurations, shape (n_candidates,)."""
+        worst = np.zeros(self._n_candidates)
+        for configuration in self._own:
+            worst = np.maximum(worst, configuration.shares(chosen, self._n_vectors))
+        return np.round(np.max(self._group.world.allgather(worst), axis=0), DIGITS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Configuration:
+    """Products of the kept vectors V and of X, what they leave of all snapshots, at one configuration.
+
+    Attributes
+    ----------
+    n_kept
+        Number of kept flexible vectors.
+    mass
+        ``X^T M X`` at the nominal parameters, shape (n_candidates, q, n_candidates, q).
+    stiffness
+        ``W^T K_c W`` at every candidate c with W = [V, X], each of shape (w, w).
+    coefficients
+        ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains
+        nothing), shape (n_kept, n_candidates q).
+    """
+
+    n_kept: int
+    mass: np.ndarray
+    stiffness: tuple[np.ndarray, ...]
+    coefficients: np.ndarray
+
+    @classmethod
+    def of(
+        cls, problem: ModalProblem, snapshots: ParameterSnapshots, loads: StaticLoads, theta: np.ndarray
+    ) -> _Configuration:
+        """Compute the products."""
+        modes = problem.solve(theta)
+        static = static_modes(problem, modes, loads.at)
+        flexible = np.hstack([modes.flexible, static])
+        found = snapshots.at(theta, flexible)
+        rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))
+        everything = np.hstack([flexible, rest])
+        stiffness = tuple(problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems)
+        n, q = len(found), found[0].shape[1]
+        mass = problem.inner(rest, problem.times_mass(rest)).reshape(n, q, n, q)
+        along = problem.inner(flexible, problem.times_mass(np.hstack(found)))
+        return cls(flexible.shape[1], mass, stiffness, along)
+
+    def shares(self, chosen: Sequence[int], n_vectors: int) -> np.ndarray:
+        """Return the missed share of the energy norm of every candidate, shape (n_candidates,)."""
+        n, q = self.mass.shape[:2]
+        place = np.arange(n * q).reshape(n, q)
+        own = place[list(chosen)].ravel()
+        basis = np.zeros((self.n_kept + n * q, self.n_kept))
+        basis[: self.n_kept] = np.eye(self.n_kept)
+        if own.size:
+            squares, vectors = np.linalg.eigh(self.mass.reshape(n * q, n * q)[np.ix_(own, own)])
+            leading = vectors[:, squares > ROUND_OFF * squares[-1]][:, ::-1][:, :n_vectors]
+            further = np.zeros((self.n_kept + n * q, leading.shape[1]))
+            further[self.n_kept + own] = leading
+            basis = np.hstack([basis, further])
+        worst = np.empty(n)
+        for candidate, stiffness in enumerate(self.stiffness):
+            snapshot = np.zeros((self.n_kept + n * q, q))
+            snapshot[: self.n_kept] = self.coefficients[:, place[candidate]]
+            snapshot[self.n_kept + place[candidate]] = np.eye(q)
+            forces = basis.T @ stiffness
+            inner = forces @ basis
+            scale = 1.0 / np.sqrt(np.diag(inner))
+            projected = np.linalg.solve(inner * scale * scale[:, None], scale[:, None] * (forces @ snapshot))
+            rest = snapshot - basis @ (scale[:, None] * projected)
+            worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
+        return worst
+
+
+def _middles(kinematics: RigidKinematics) -> np.ndarray:
+    """Return configurations spread over the range, shape (n, n_theta)."""
+    n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / kinematics.n_coordinates)))
+    axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in kinematics.coordinates]
+    return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+
+def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Return ``v^T K v`` of every column, shape (k,)."""
+    return np.maximum(np.einsum("ij,ij->j", vectors, stiffness @ vectors), 0.0)

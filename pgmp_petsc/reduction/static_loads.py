@@ -1,6 +1,6 @@
 """The loads whose static answers extend the basis, at any configuration and parameter values, in body frames.
 
-Influences of unit loads on the stiffness of the modes, at any configuration; see `stiffness_changes`.
+`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`mode_changes`).
 """
 
 from __future__ import annotations

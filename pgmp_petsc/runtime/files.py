@@ -385,7 +385,7 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
         raise InputError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
     if (h5py.check_string_dtype(dataset.dtype) is not None) != texts or not texts and dataset.dtype.kind not in "biuf":
         raise InputError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
-    if dataset.nbytes > os.path.getsize(group.file.filename):  # nothing is compressed: it was never written
+    if dataset.nbytes > group.file.id.get_filesize():  # nothing is compressed: it was never written
         raise InputError(f"{where} has shape {dataset.shape}, more than the file holds; write the file again")
     return np.asarray(dataset[()])
 

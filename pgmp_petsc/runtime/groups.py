@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+UNKNOWNS_PER_RANK = 3000  # of a run that is shared by ranks
+
+
 @dataclass(frozen=True)
 class RankGroup:
     """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators.

@@ -54,6 +54,8 @@ def plugins_of(scene_toml: str) -> dict[str, str]:
         for table in sorted({table for table, _ in IN_USE})
         for entry in tables.get(table, {}).values()
     ]
+    sections = (body.get("section", {}) for body in tables.get("bodies", {}).values())
+    needed += [IN_USE.get(("sections", section.get("shape", ""))) for section in sections]
     return {plugin.name: plugin.sha256 for plugin in needed if plugin is not None}
 
 

@@ -1,4 +1,4 @@
-"""Materials, cross-sections and bodies.
+"""Materials and bodies.
 
 A body that is given by its assembled matrices, from another finite element program, in place of a mesh.
 """
@@ -16,7 +16,6 @@ from pgmp_petsc.scene.fields import (
     Axis,
     Integer,
     Name,
-    NotNegativeOrParameter,
     Number,
     PositiveNumber,
     PositiveOrParameter,
@@ -29,6 +28,7 @@ from pgmp_petsc.scene.fields import (
     no_parameter,
     refusal,
 )
+from pgmp_petsc.scene.sections import SECTIONS, Section
 from pgmp_petsc.scene.units import UnknownUnit, measure
 
 #: What each unit of a system is of: exponents of kilogram, metre and second, and examples.
@@ -123,56 +123,6 @@ class Material(Table):
         no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
     rho: PositiveOrParameter = Field(description="density (kg/m3), a number or a parameter's name")
-
-
-class Circle(Table):
-    """A solid circular cross-section."""
-
-    shape: Literal["circle"]
-    radius: PositiveOrParameter = Field(description="radius (m), a number or a parameter's name")
-
-
-class Rectangle(Table):
-    """A solid rectangular cross-section."""
-
-    shape: Literal["rectangle"]
-    width: PositiveOrParameter = Field(
-        description="size across the plane of motion (m), in space along the third axis; or a parameter's name"
-    )
-    height: PositiveOrParameter = Field(
-        description="size in the plane of motion (m), in space along `orientation`; or a parameter's name"
-    )
-
-
-class Coefficients(Table):
-    """A cross-section given by its stiffness and inertia."""
-
-    shape: Literal["coefficients"]
-    axial: PositiveOrParameter = Field(description="EA (N), a number or a parameter's name")
-    shear: PositiveOrParameter = Field(description="k_s GA (N), a number or a parameter's name")
-    bending: PositiveOrParameter = Field(description="EI (N m2), a number or a parameter's name")
-    line_density: PositiveOrParameter = Field(description="rho A (kg/m), a number or a parameter's name")
-    rotary_density: NotNegativeOrParameter = Field(
-        0.0, description="rho I (kg m), a number or a parameter's name; above 0 in a flexible body"
-    )
-
-
-class Coefficients3d(Table):
-    """The cross-section of a beam in space, given by its stiffness and inertia; its axes are those of `orientation`."""
-
-    shape: Literal["coefficients3d"]
-    axial: PositiveOrParameter = Field(description="EA (N), a number or a parameter's name")
-    shear_2: PositiveOrParameter = Field(description="GA_2 (N): shear along the second axis")
-    shear_3: PositiveOrParameter = Field(description="GA_3 (N): shear along the third axis")
-    torsion: PositiveOrParameter = Field(description="GJ (N m2)")
-    bending_2: PositiveOrParameter = Field(description="EI_2 (N m2): bending about the second axis")
-    bending_3: PositiveOrParameter = Field(description="EI_3 (N m2): bending about the third axis")
-    line_density: PositiveOrParameter = Field(description="rho A (kg/m)")
-    rotary_2: PositiveOrParameter = Field(description="rho I_2 (kg m)")
-    rotary_3: PositiveOrParameter = Field(description="rho I_3 (kg m)")
-
-
-Section = Annotated[Circle | Rectangle | Coefficients | Coefficients3d, Field(discriminator="shape")]
 
 
 class StraightBeam(Table):
@@ -284,24 +234,28 @@ class Body(Table):
                 raise refusal("for solid2d and solid3d only", key)
         if self.section is None:
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
-        wrong, right = (Coefficients3d, Coefficients)[:: 1 if self.dimension == 2 else -1]
-        if isinstance(self.section, wrong):
-            shapes = {Coefficients: "coefficients", Coefficients3d: "coefficients3d"}
-            raise refusal(f'a {self.element} has the shape "{shapes[right]}"', "section")
-        given = isinstance(self.section, right)
-        if given and self.material is not None:
+        section = self.section
+        if self.element not in section.elements:
+            alike = (
+                name
+                for name, other in zip(SECTIONS.names, SECTIONS.found())
+                if self.element in other.elements and other.of_material == section.of_material
+            )
+            raise refusal(f'a {self.element} has the shape "{" or ".join(alike)}"', "section")
+        if not section.of_material and self.material is not None:
             raise refusal("a section given by coefficients has no material", "material")
-        if not given and self.material is None:
+        if section.of_material and self.material is None:
             raise refusal("missing; needed: name of a material", "material")
-        if isinstance(self.section, Coefficients) and self.flexible and self.section.rotary_density == 0.0:
-            raise refusal("a flexible body needs section.rotary_density above 0", "section")
+        none = next((key for key in section.quantities if getattr(section, key) == 0.0), None)
+        if none is not None and self.flexible:
+            raise refusal(f"a flexible body needs section.{none} above 0", "section")
         return self._oriented()
 
     def _oriented(self) -> Self:
         """Refuse a section in space without its direction, and a direction in the plane."""
         if self.dimension == 2 and self.orientation is not None:
             raise refusal("for beam3d only; in the plane the height of a section is in the plane", "orientation")
-        if self.dimension == 3 and self.orientation is None and not isinstance(self.section, Circle):
+        if self.dimension == 3 and self.orientation is None and not self.section.round:
             raise refusal(
                 "missing; needed in space for every section but a circle: orientation = [x, y, z], the direction of "
                 "the section's height (its second axis) in the body's frame",

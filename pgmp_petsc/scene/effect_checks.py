@@ -166,11 +166,11 @@ def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
 
 def _ends_apart(scene: Scene) -> Iterator[str]:
     """Check that entries that are in order are, nominally and in a single run."""
-    for entry, other, lower, upper in ordered_ends(scene):
+    for entry, other, lower, upper, share in ordered_ends(scene):
         if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
             continue  # said elsewhere
         for values in (scene.nominal, scene.values):
-            low, high = (scene.number(end, values) for end in (lower, upper))
+            low, high = scene.number(lower, values), share * scene.number(upper, values)
             if not low < high:
                 behind = f", not {low:g}" if isinstance(lower, str) else ""
                 yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)

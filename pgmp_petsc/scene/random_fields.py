@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.bodies import Rectangle
 from pgmp_petsc.scene.fields import Integer, Number, PositiveNumber, Table, at_most, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import Parameter
@@ -146,7 +145,8 @@ def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
     if body.matrices is not None:
         what = "its matrices are assembled, and nothing of them is known place by place; give it a mesh"
         yield problem(f"{entry}.body", what, field.body)
-    rectangle = body.element == "beam2d" and isinstance(body.section, Rectangle)
-    affine = {"E": True, "rho": True, "width": rectangle, "thickness": body.element == "solid2d"}
-    if not affine.get(field.quantity, False):
+    affine = {"E", "rho"} | ({"thickness"} if body.element == "solid2d" else set())
+    if body.element == "beam2d":
+        affine |= set(body.section.proportional)
+    if field.quantity not in affine:
         yield problem(f"{entry}.quantity", f"of a {body.element}: {NOT_AFFINE}", field.quantity)

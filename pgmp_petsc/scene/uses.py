@@ -18,23 +18,6 @@ if TYPE_CHECKING:
 MATERIAL = {"E": "Pa", "rho": "kg/m3"}
 BODY = {"thickness": "m", "section_scale": "1"}
 MATRICES = ("stiffness_scale", "mass_scale")
-SECTION = {
-    "radius": "m",
-    "width": "m",
-    "height": "m",
-    "axial": "N",
-    "shear": "N",
-    "bending": "N m2",
-    "line_density": "kg/m",
-    "rotary_density": "kg m",
-    "shear_2": "N",
-    "shear_3": "N",
-    "torsion": "N m2",
-    "bending_2": "N m2",
-    "bending_3": "N m2",
-    "rotary_2": "kg m",
-    "rotary_3": "kg m",
-}
 
 @dataclass(frozen=True)
 class Use:
@@ -94,23 +77,25 @@ def uses_of(scene: Scene) -> Iterator[Use]:
                 yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
         for key in MATRICES if body.matrices is not None else ():
             yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
-        for key, size in body.section or ():
-            if key != "shape":
-                sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
-                yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
+        for key, (sign, unit) in body.section.quantities.items() if body.section is not None else ():
+            sign = "positive" if body.flexible else sign
+            yield Use(f"bodies.{name}.section.{key}", getattr(body.section, key), sign, unit.turning)
     for coordinate, name in velocity_names(scene).items():
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
 
-def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str]]:
-    """Yield pairs of entries of which the first is below the second: the first one's dotted name, the second one's
-    own, and both values."""
-    for name, effect in scene.effects.items():
-        for low, high in effect.ordered:
-            if None not in (ends := (getattr(effect, low), getattr(effect, high))):
-                yield f"effects.{name}.{low}", high, *ends
+def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
+    """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
+    second one in words, both values, and the share."""
+    sections = {f"bodies.{name}.section": body.section for name, body in scene.bodies.items() if body.section}
+    effects = {f"effects.{name}": effect for name, effect in scene.effects.items()}
+    for name, entry in (sections | effects).items():
+        for low, high, *rest in entry.ordered:
+            share = rest[0] if rest else 1.0
+            if None not in (ends := (getattr(entry, low), getattr(entry, high))):
+                yield f"{name}.{low}", f"{share:g} {high}" if rest else high, *ends, share
 
 
 def slides(scene: Scene, entry: Any) -> bool:

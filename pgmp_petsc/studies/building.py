@@ -9,9 +9,10 @@ from typing import Self
 
 import numpy as np
 
+from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
+from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -28,8 +29,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import extremes, length_names
-from pgmp_petsc.selection.choice import leaves_open
-from pgmp_petsc.selection.length_choice import choose_over_lengths
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
 
 Said = Callable[[str], None]

@@ -164,7 +164,7 @@ def reduced_model(scene: Scene, rom: ReducedOrderModel, comm: MPI.Comm) -> Reduc
 def mesh_model(scene: Scene, meshes: Mapping[str, BodyShape], name: str, comm: MPI.Comm) -> Model:
     """Return the full-order or the component model (`PURPOSES`) of a scene. Collective on `comm`."""
     if name == "components":
-        from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
+        from pgmp_petsc.bench.reference import component_model  # eigensolvers take a noticeable time
 
         return component_model(scene, meshes, comm)
     with agreed(comm, "preparing the full-order model"):
@@ -178,6 +178,6 @@ def settled(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tuple[An
     """
     if model.scene.simulation.tolerance is None:
         return model, ""
-    from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+    from pgmp_petsc.bench.step_choice import settle_step  # its many modules take a noticeable time
 
     return settle_step(model, comm, ensemble)

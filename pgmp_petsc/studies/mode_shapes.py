@@ -21,13 +21,12 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import mesh_displacements, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
-from pgmp_petsc.reduction.definiteness import smoother
 from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.results.modes import ModeShape
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import MOST_RADIANS
-
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:

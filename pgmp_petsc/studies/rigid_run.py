@@ -26,7 +26,7 @@ from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Table
-from pgmp_petsc.scene.uses import BODY, MATERIAL, SECTION
+from pgmp_petsc.scene.uses import BODY, MATERIAL
 from pgmp_petsc.studies.balance import balance_of
 
 FEW_STEPS = 150
@@ -137,7 +137,7 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
 
     bodies = {}
     for name, body in scene.bodies.items():
-        section = None if body.section is None else valued(body.section, SECTION)
+        section = None if body.section is None else valued(body.section, body.section.quantities)
         bodies[name] = valued(body, BODY).model_copy(update={"flexible": False, "section": section})
     materials = {name: valued(material, MATERIAL) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}

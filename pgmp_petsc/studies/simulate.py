@@ -34,13 +34,13 @@ from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.reduction.definiteness import smoother
+from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import first_ranks
+from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
@@ -52,9 +52,6 @@ from pgmp_petsc.studies.reduced_record import ReducedRecord
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-
-UNKNOWNS_PER_RANK = 3000
 
 
 def simulate(model: FullModel | ReducedModel, comm: MPI.Comm) -> Trajectory | None:

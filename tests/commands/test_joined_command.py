@@ -15,23 +15,25 @@ from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scen
 
 from pgmp_petsc.api.better import Correction, better_models, in_order
 from pgmp_petsc.api.ensembles import exit_status
-from pgmp_petsc.texts.ensemble_table import report
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
-from pgmp_petsc.ensemble import joined, runner
-from pgmp_petsc.ensemble.allotment import PILOT, Plan, SampleFile
+from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
-from pgmp_petsc.ensemble.retry import read_earlier
-from pgmp_petsc.ensemble.rules import read_rule
-from pgmp_petsc.ensemble.runner import run_batch, run_ensemble
+from pgmp_petsc.ensemble.failures import read_earlier
+from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.joined import PILOT
+from pgmp_petsc.ensemble.plan import Plan, SampleFile
+from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.ensemble.stopping import Stop
-from pgmp_petsc.figures.ensembles import joined as picture_of_means, stopping as picture_of_looks
+from pgmp_petsc.ensemble.stopping import Stop, read_rule
+from pgmp_petsc.figures.ensembles import joined as picture_of_means
+from pgmp_petsc.figures.ensembles import stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.texts.ensemble_table import report
 
 N, K, SEED = 300, 60, 3
 EVENT = 'ensemble.probabilities.late={output="crank_angle", below=1.8e-3}'
@@ -323,7 +325,7 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
         return replace(found, status=status, failure_time=np.where(status != 0, 0.1, found.failure_time))
 
     whole = ran(model, Plan(50, SEED, folder / "fine.h5"))
-    monkeypatch.setattr(runner, "integrate_with_smaller_steps", lossy)
+    monkeypatch.setattr(integration, "integrate_with_smaller_steps", lossy)
     found = ran(model, Plan(50, SEED, path))
     n_failed = int(np.sum(found.status != 0))
     assert n_failed >= 7 and set(found.kept) > {"unstable_start"}

@@ -23,7 +23,7 @@ from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
-from pgmp_petsc.ensemble import runner
+from pgmp_petsc.ensemble import integration, runner
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
@@ -172,7 +172,7 @@ def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatc
             pgmp.montecarlo(rom, n=6, seed=3, output=path)
     assert not path.exists()
     with monkeypatch.context() as nothing_is_left_to_do:
-        nothing_is_left_to_do.setattr(runner, "run_batch", _fail)
+        nothing_is_left_to_do.setattr(integration, "run_batch", _fail)
         taken_up = pgmp.montecarlo(rom, n=6, seed=3, output=path, resume=True)
     assert taken_up.path == path and [item.name for item in tmp_path.iterdir()] == ["samples.h5"]
     assert_same(pgmp.montecarlo(rom, n=6, seed=3).write(tmp_path / "again.h5"), path)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from runs import IN_TURN, PGMP, SMALL, paper_scene, pgmp, rom_of
 
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
-from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.rare_event import RareEvent

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from runs import PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
 
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.numbers import interval_text

@@ -12,7 +12,7 @@ from runs import pgmp
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel

@@ -12,7 +12,7 @@ from mechanisms import accurate, assert_close, both, dense_eigenvalues, modal_pr
 from runs import built_rom, full_model, history, samples
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
@@ -29,7 +29,7 @@ def with_rotary_inertia(share: float) -> RigidKinematics:
     """Return the slider-crank with the given share of its sections' rotary inertia; no scene can say 0."""
     mechanism = mechanism_of(slider_crank())
     bodies = tuple(
-        replace(body, section=replace(body.section, rotary_density=body.section.rotary_density * share))
+        replace(body, section=replace(body.section, mass=(body.section.mass[0], share * body.section.mass[1])))
         for body in mechanism.bodies
     )
     return RigidKinematics(replace(mechanism, bodies=bodies))
@@ -90,7 +90,7 @@ def test_a_reduced_model_with_massless_rotations(monkeypatch: pytest.MonkeyPatch
 
         def scaled(cls: type, *arguments: object, share: float = share) -> BeamSection:
             section = of(cls, *arguments)
-            return replace(section, rotary_density=section.rotary_density * share)
+            return replace(section, mass=(section.mass[0], share * section.mass[1]))
 
         monkeypatch.setattr(BeamSection, "of", classmethod(scaled))
         model = ReducedModel(scene, built_rom(scene))

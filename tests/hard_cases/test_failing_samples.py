@@ -15,7 +15,7 @@ from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import Run
 from pgmp_petsc.dynamics.smaller_steps import Attempt
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.watchers import RangeWatch
 from pgmp_petsc.models import Model, ReducedModel

@@ -19,8 +19,8 @@ from pgmp_petsc.dynamics.reduced_terms import coupling_of
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene, scene_from_tables
 from pgmp_petsc.studies.balance import balance_of
 from scenes import slider_crank

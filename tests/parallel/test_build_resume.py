@@ -127,8 +127,8 @@ def test_a_killed_build_is_resumed(
 def test_what_is_finished_is_not_computed_again(mpirun: Callable, folder: Path, whole: dict[str, Path]) -> None:
     path = folder / "finished.h5"
     script = slowly().replace(
-        "main()\n", "from pgmp_petsc.reduction import store\ndef stop(*args):\n    raise SystemExit(7)\n"
-        "store.SampleStore.join = stop\nmain()\n"
+        "main()\n", "from pgmp_petsc.reduction import continuous_basis\ndef stop(*args):\n    raise SystemExit(7)\n"
+        "continuous_basis.SampleStore.join = stop\nmain()\n"
     )  # fmt: skip
     stopped = mpirun(1, "-c", script, "build", *SCENES["solids"], "-o", path, check_status=None)
     assert stopped.returncode != 0 and not path.exists()

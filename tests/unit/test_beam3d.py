@@ -20,8 +20,11 @@ from pgmp_petsc.bodies.beam3d import (
     strain_gradients,
     undeformed_stiffness,
 )
-from pgmp_petsc.bodies.section import SpatialSection
-from pgmp_petsc.scene.bodies import Circle, Coefficients3d, Material, Rectangle
+from pgmp_petsc.bodies.sections.given import Coefficients3d
+from pgmp_petsc.bodies.sections.section import BeamSection
+from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
+from pgmp_petsc.scene.bodies import Material
+from pgmp_petsc.scene.sections import SectionEntry
 
 N = 6
 SECTION = np.array([3.0, 1.2, 1.5, 0.7, 0.4, 0.9])
@@ -216,16 +219,23 @@ STEEL = Material(E=2e11, nu=0.3, rho=7800.0)
 SHEAR = 2e11 / 2.6
 
 
-def totals(section: SpatialSection, values: dict[str, float] = {}) -> tuple[np.ndarray, np.ndarray]:
+def in_space(
+    section: SectionEntry, material: Material | None, nominal: dict[str, float] = {}, spans: dict = {}
+) -> BeamSection:
+    """Return the coefficients of a beam in space."""
+    return section.coefficients(3, material, nominal, lambda: spans)
+
+
+def totals(section: BeamSection, values: dict[str, float] = {}) -> tuple[np.ndarray, np.ndarray]:
     """Return stiffness and inertia at parameter values."""
     return tuple(
         sum(weight.evaluate(values) * np.array(terms) for weight, terms in kind.items())
-        for kind in (section.stiffness_terms(), section.mass_terms())
+        for kind in map(section.terms, ("stiffness", "mass"))
     )
 
 
 def test_circle() -> None:
-    stiffness, inertia = totals(SpatialSection.of(Circle(shape="circle", radius=0.01), STEEL, {}))
+    stiffness, inertia = totals(in_space(Circle(shape="circle", radius=0.01), STEEL))
     area, second = math.pi * 1e-4, math.pi / 4 * 1e-8
     shear = SHEAR * area * 7.8 / 8.8
     np.testing.assert_allclose(stiffness, [2e11 * area, shear, shear, SHEAR * 2 * second, 2e11 * second, 2e11 * second])
@@ -234,27 +244,27 @@ def test_circle() -> None:
 
 def test_rectangle() -> None:
     """Torsion constants from Timoshenko and Goodier 1951, art. 94: 0.1406 a^4 of a square, 0.229 a b^3 of 2 : 1."""
-    section = SpatialSection.of(Rectangle(shape="rectangle", width=0.01, height=0.02), STEEL, {})
+    section = in_space(Rectangle(shape="rectangle", width=0.01, height=0.02), STEEL)
     stiffness, inertia = totals(section)
     in_width, in_height = 0.02 * 1e-6 / 12, 0.01 * 8e-6 / 12
     np.testing.assert_allclose(stiffness[4:], [2e11 * in_width, 2e11 * in_height])
     np.testing.assert_allclose(inertia, [7800 * 2e-4, 7800 * in_width, 7800 * in_height])
     assert stiffness[3] == pytest.approx(SHEAR * 0.228682 * 0.02 * 1e-6, rel=1e-5)
-    assert section.lever == pytest.approx(0.6)
-    square = SpatialSection.of(Rectangle(shape="rectangle", width=0.01, height=0.01), STEEL, {})
+    assert section.lever({}) == pytest.approx(0.6)
+    square = in_space(Rectangle(shape="rectangle", width=0.01, height=0.01), STEEL)
     assert totals(square)[0][3] == pytest.approx(SHEAR * 0.140577 * 1e-8, rel=1e-6)
-    assert square.lever == 0.0
+    assert square.lever({}) == 0.0
 
 
 @pytest.mark.parametrize(("width", "height"), [("b", 0.02), (0.02, "b"), ("b", "b"), ("b", "h")])
 def test_a_rectangle_is_affine_in_its_sides(width: float | str, height: float | str) -> None:
     """Torsion is exact at the nominal values, and 0.5 % off at most beside them."""
     nominal = {"b": 0.01, "h": 0.03}
-    affine = SpatialSection.of(Rectangle(shape="rectangle", width=width, height=height), STEEL, nominal)
+    affine = in_space(Rectangle(shape="rectangle", width=width, height=height), STEEL, nominal)
     for factor, limit in ((1.0, 1e-12), (0.5, 6e-3), (1.6, 6e-3)):
         values = {"b": 0.01 * factor, "h": 0.03}
         numbers = Rectangle(shape="rectangle", width=values.get(width, width), height=values.get(height, height))
-        exact = totals(SpatialSection.of(numbers, STEEL, {}))
+        exact = totals(in_space(numbers, STEEL))
         stiffness, inertia = totals(affine, values)
         np.testing.assert_allclose(np.delete(stiffness, 3), np.delete(exact[0], 3), rtol=1e-12)
         assert stiffness[3] == pytest.approx(exact[0][3], rel=1e-12 if width == height else limit)
@@ -267,12 +277,12 @@ def test_torsion_of_a_rectangle_whose_sides_exchange_their_order(nominal: tuple[
     """The constant is that of the sides whichever is longer, over all values of both; with either name for either."""
     values = dict(zip("bh", nominal))
     spans = {name: (value * (1 - half), value * (1 + half)) for name, value in values.items()}
-    affine = SpatialSection.of(Rectangle(shape="rectangle", width="b", height="h"), STEEL, values, spans)
-    other = SpatialSection.of(
+    affine = in_space(Rectangle(shape="rectangle", width="b", height="h"), STEEL, values, spans)
+    other = in_space(
         Rectangle(shape="rectangle", width="h", height="b"), STEEL, values, spans
     )
     for b, h in product(np.linspace(*spans["b"], 9), np.linspace(*spans["h"], 9)):
-        numbers = SpatialSection.of(Rectangle(shape="rectangle", width=b, height=h), STEEL, {})
+        numbers = in_space(Rectangle(shape="rectangle", width=b, height=h), STEEL)
         exact = totals(numbers)[0][3]
         found = totals(affine, {"b": b, "h": h})[0][3]
         assert found == pytest.approx(exact, rel=6e-3)  # twice NEAR, as it is exact at the nominal values
@@ -284,11 +294,11 @@ def test_coefficients() -> None:
         shape="coefficients3d", axial=1.0, shear_2=2.0, shear_3="k", torsion=4.0, bending_2=5.0, bending_3=6.0,
         line_density=7.0, rotary_2=8.0, rotary_3=24.0,
     )  # fmt: skip
-    section = SpatialSection.of(given, None, {"k": 3.0})
+    section = in_space(given, None, {"k": 3.0})
     np.testing.assert_allclose(totals(section, {"k": 3.0})[0], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    np.testing.assert_allclose(section.mass_terms()[Monomial()], [7.0, 8.0, 24.0])
-    assert section.lever == 0.5
-    assert set(section.stiffness_terms()) == {Monomial(), Monomial((("k", 1),))}
+    np.testing.assert_allclose(section.terms("mass")[Monomial()], [7.0, 8.0, 24.0])
+    assert section.lever({"k": 3.0}) == 0.5
+    assert set(section.terms("stiffness")) == {Monomial(), Monomial((("k", 1),))}
 
 
 # --- second order at rest --------------------------------------------------------------------------------------------

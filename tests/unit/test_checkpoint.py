@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.allotment import Batch, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
-from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, Shard
 from pgmp_petsc.runtime import checkpoint_folder, files
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.seal import SIZE as SEAL

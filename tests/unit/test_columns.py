@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.columns import Columns
+from pgmp_petsc.ensemble.checkpoint import Columns
 from pgmp_petsc.runtime.errors import RunError
 
 

@@ -18,15 +18,15 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from hypothesis import HealthCheck, given, settings, strategies as st
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from runs import paper_scene, rom_of
 from sealed import resealed
 
 from pgmp_petsc.api.contents import contents
 from pgmp_petsc.api.info import describe
-from pgmp_petsc.ensemble.allotment import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.shards import Shards
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.reduction.rom import ReducedOrderModel

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from runs import rom_of
 
-from pgmp_petsc.texts.models import report
-from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.tables import indefinite_between
+from pgmp_petsc.texts.models import report
 from scenes import RADIUS, slider_crank
 
 SPLINE = 'reduction.interpolation="spline"'

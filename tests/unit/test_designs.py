@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from pgmp_petsc.ensemble.designs import Blocks, Independent, LatinHypercube, Replicates
+from pgmp_petsc.ensemble.sampling import Blocks, Independent, LatinHypercube, Replicates
 from pgmp_petsc.runtime.errors import InputError
 
 N = 96

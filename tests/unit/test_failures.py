@@ -8,10 +8,9 @@ from scipy import stats
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
 from pgmp_petsc.ensemble.rare_events import find
 from pgmp_petsc.ensemble.rare_run import with_failed
-from pgmp_petsc.ensemble.retry import has_steps_left
 
 N = 400
 VALUES = {name: np.random.default_rng(k).normal(0.0, 1.0, N) for k, name in enumerate(("T", "E"))}

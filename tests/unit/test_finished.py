@@ -10,16 +10,15 @@ import pytest
 from mpi4py import MPI
 from tradeoffs import LEAST, small_scene
 
-from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.bench.bench import Bench
+from pgmp_petsc.bench.choice import choose
+from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.choice import choose
-from pgmp_petsc.studies import tradeoff_measurement
-from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from scenes import meshes_of
 
 SHORT = (
@@ -79,20 +78,19 @@ def study(path: Path, scene: Scene, resume: bool) -> Tradeoff:
 
 def test_a_study_that_was_killed_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed while it took times, then after they were taken: the same settings, errors and advice for both."""
-    scene, bench = small_scene(*SHORT), tradeoff_measurement.Bench
+    scene = small_scene(*SHORT)
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(bench, "take_times", killed)
+        patch.setattr(Bench, "take_times", killed)
         with pytest.raises(KeyboardInterrupt):
             study(tmp_path, scene, False)
     with monkeypatch.context() as patch:
-        patch.setattr(bench, "make_ready", killed)
-        patch.setattr(bench, "run_reference", killed)
+        patch.setattr(Bench, "_measured", killed)
         resumed = study(tmp_path, scene, True)
-        patch.setattr(bench, "take_times", killed)
+        patch.setattr(Bench, "take_times", killed)
         again = study(tmp_path, scene, True)
     whole = measure_tradeoff(scene, meshes_of(scene), SWEEP, 1000, True, MPI.COMM_SELF)
     assert resumed.families == whole.families and resumed.flags == whole.flags and resumed.reasons == whole.reasons

@@ -7,8 +7,7 @@ import pytest
 from runs import full_model, reduced_model, samples
 from tradeoffs import OUTPUTS
 
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.history import (
+from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
     errors_between,
@@ -17,6 +16,7 @@ from pgmp_petsc.experiments.history import (
     run_history,
     spacing,
 )
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import SLIDER_CRANK

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import FullModel
 from scenes import meshes_of, slider_crank

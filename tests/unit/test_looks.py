@@ -13,11 +13,19 @@ from runs import paper_scene
 from scipy import stats
 
 from pgmp_petsc.ensemble import stopping
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.looks import level_of_each, looks
-from pgmp_petsc.ensemble.rules import read_rule
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopping_of, stopping_remarks
+from pgmp_petsc.ensemble.stopping import (
+    Seen,
+    Stop,
+    level_of_each,
+    looks,
+    read_rule,
+    see,
+    stages,
+    stopping_of,
+    stopping_remarks,
+)
 from pgmp_petsc.results.stopping import Stopping
 from pgmp_petsc.scene import Scene
 

@@ -9,11 +9,10 @@ import pytest
 
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble import over_time
+from pgmp_petsc.ensemble import watchers
 from pgmp_petsc.ensemble.description import over_time_remarks
-from pgmp_petsc.ensemble.over_time import OverTimeWatcher, band_steps
-from pgmp_petsc.ensemble.quantities import in_words
-from pgmp_petsc.ensemble.watchers import Begun
+from pgmp_petsc.ensemble.statistics import in_words
+from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
@@ -180,7 +179,7 @@ def test_states_that_wait_for_others_change_nothing(
     monkeypatch: pytest.MonkeyPatch, at_once: int, most: int, always: bool
 ) -> None:
     """Whether none waits, some, or all until the end."""
-    monkeypatch.setattr(over_time, "LARGEST", most)
+    monkeypatch.setattr(watchers, "LARGEST", most)
     asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})
     alone, together = watched(Model(**asked)), watched(Reduced(**asked), at_once=at_once)
     for kind, arrays in alone.items():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from runs import paper_scene, reduced_model
 
-from pgmp_petsc.ensemble.columns import SHARE, checked, price_of, share_of
-from pgmp_petsc.ensemble.pieces import LEAST, Piece, missing, pieces
+from pgmp_petsc.ensemble.plan import LEAST, SHARE, Piece, checked, missing, pieces, price_of, share_of
 from pgmp_petsc.indicator.schedule import FINER
 from pgmp_petsc.runtime.vectors import LANES
 

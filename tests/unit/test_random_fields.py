@@ -17,9 +17,9 @@ from pgmp_petsc.bodies.large_deformation import FieldsOnCells
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, field_remarks, profiles_of
-from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
@@ -143,12 +143,12 @@ def uniform_elements(body: Body, values: dict[str, float]) -> list[Body]:
     found = []
     for number, cell in enumerate(body.mesh.cells):
         section = body.section
-        scaled = {
-            name: value * float((heavy if name in ("line_density", "rotary_density") else stiff)[number])
-            for name, value in vars(section).items()
-        }
+        scaled = BeamSection(
+            tuple(float(stiff[number]) * part for part in section.stiffness),
+            tuple(float(heavy[number]) * part for part in section.mass),
+        )
         mesh = replace(body.mesh, cells=cell[None])
-        found.append(replace(body, mesh=mesh, section=BeamSection(**scaled), profiles=UNIFORM))
+        found.append(replace(body, mesh=mesh, section=scaled, profiles=UNIFORM))
     return found
 
 

@@ -21,8 +21,8 @@ from pgmp_petsc.dynamics.reduced_terms import (
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import lost_definiteness
 from scenes import four_bar, kinematics_of, slider_crank, trammel

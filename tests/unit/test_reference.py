@@ -12,11 +12,10 @@ from mpi4py import MPI
 from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
-from pgmp_petsc.experiments import reference
-from pgmp_petsc.experiments.finished import Price, duration_text, step_seconds
-from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
-from pgmp_petsc.experiments.period import first_period, period_of
-from pgmp_petsc.experiments.reference import (
+from pgmp_petsc.bench import reference
+from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
+from pgmp_petsc.bench.history import errors_between, floors_of, run_history
+from pgmp_petsc.bench.reference import (
     CHECK_SHARE,
     FEWEST_STEPS,
     Demand,
@@ -25,6 +24,7 @@ from pgmp_petsc.experiments.reference import (
     component_model,
     distance_from_mesh,
 )
+from pgmp_petsc.bench.reference import first_period, period_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel

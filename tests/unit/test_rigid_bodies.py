@@ -8,9 +8,8 @@ from effect_scenes import BAR, mechanism_with_lines, scene_of
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.sections.given import Coefficients
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.scene.bodies import Coefficients
 
 LINE, ROTARY = 2.5, 0.07
 SECTION = Coefficients(
@@ -30,7 +29,7 @@ def mass_matrix(body: Body) -> np.ndarray:
 
 
 def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
-    body = Body.rigid("bent", BENT, BeamSection.of(SECTION, None))
+    body = Body.rigid("bent", BENT, SECTION.coefficients(2, None, {}, dict))
     # two Gauss points a cell integrate the square of the distance exactly
     share = np.array([0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)])
     ends = BENT.nodes[BENT.cells]
@@ -44,7 +43,7 @@ def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
 
 
 def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
-    section = BeamSection.of(SECTION, None)
+    section = SECTION.coefficients(2, None, {}, dict)
     flexible, rigid = Body.beam("bent", BENT, section), Body.rigid("bent", BENT, section)
     arms = BENT.nodes - rigid.mesh.nodes[0]
     motions = np.zeros((len(arms), 3, 3))

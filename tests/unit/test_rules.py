@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from runs import paper_scene
 
-from pgmp_petsc.ensemble.rules import Rule, read_rule
+from pgmp_petsc.ensemble.stopping import Rule, read_rule
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.ensemble import Event

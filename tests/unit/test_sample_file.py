@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError

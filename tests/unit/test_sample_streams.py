@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.allotment import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.ensemble.designs import stream
-from pgmp_petsc.ensemble.sample_streams import first_numbers
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.ensemble.sampling import first_numbers, stream
 
 
 @pytest.mark.parametrize("seed", [0, 1, 42, 2**32 - 1, 2**32, 123456789012345678, LARGEST_SEED])

@@ -9,9 +9,17 @@ import pytest
 from scipy import stats
 
 from pgmp_petsc.ensemble import sampling
-from pgmp_petsc.ensemble.allotment import Plan
-from pgmp_petsc.ensemble.designs import Blocks, Design, Replicates
-from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
+from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.sampling import (
+    Blocks,
+    Design,
+    Replicates,
+    Sampler,
+    draw,
+    draw_remarks,
+    physical,
+    sampler_remarks,
+)
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pgmp_petsc.declare.ideas import OUTPUTS
+from pgmp_petsc.declare.ideas import OUTPUTS, SECTIONS
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import effects, load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
@@ -162,7 +162,7 @@ ENTRIES = [
     ),
     (
         "bodies.crank.section.shape=1",
-        "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients, coefficients3d)",
+        f'bodies.crank.section.shape = 1: unknown (allowed: {", ".join(SECTIONS.names)})',
     ),
     ('effects."my motor"={type="gravity"}', f'effects."my motor": {NAME_NEEDED}'),
     ('ground.points."a:b"=[0,1]', f'ground.points."a:b": {NAME_NEEDED}'),

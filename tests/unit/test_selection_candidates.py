@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.candidates import MOST_BYTES, SHARE, CandidatePrices, Limits, families_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.selection.ladder import MOST_BYTES, SHARE, CandidatePrices, Limits, families_of
 from scenes import meshes_of, slider_crank
 
 LIMITS = Limits(n_modes=30, n_static=1, n_terms=3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from pgmp_petsc.selection.ladder import MODES, Limits, by_distance_from_middle, families_of, first_passing, operations
+from pgmp_petsc.bench.candidates import MODES, Limits, by_distance_from_middle, families_of, first_passing, operations
 from scenes import kinematics_of, slider_crank
 
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)

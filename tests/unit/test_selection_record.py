@@ -8,11 +8,11 @@ import h5py
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.choice import cost_text, leaves_open
+from pgmp_petsc.bench.errors import BASIS, INTERPOLATION, STEP, shares_of
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
-from pgmp_petsc.selection.choice import cost_text, leaves_open
-from pgmp_petsc.selection.trial import BASIS, INTERPOLATION, STEP, shares_of
 from scenes import slider_crank
 
 SELECTION = Selection(

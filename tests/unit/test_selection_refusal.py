@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Load, Training
+from pgmp_petsc.bench.errors import Errors, Ledger, Trial
+from pgmp_petsc.bench.reduction_choice import ReductionChoice
+from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.ladder import Limits
-from pgmp_petsc.selection.reduction_choice import ReductionChoice
-from pgmp_petsc.selection.step_choice import StepChoice, fine_enough
-from pgmp_petsc.selection.training import Load, Training
-from pgmp_petsc.selection.trial import Errors, Ledger, Trial
 from scenes import meshes_of, slider_crank
 
 LOADS = (Load("own", "", {}, True), Load("quick", "", {}, False))
@@ -69,7 +69,7 @@ class Known:
         if loads is not None:
             errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
         reason = "" if self._builds else "no convergence"
-        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds, {})
+        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)
@@ -453,7 +453,7 @@ def test_a_second_look_takes_the_place_of_the_first() -> None:
     ledger, bench = Ledger(), Known(falling)
     reduction = bench.scene.reduction
     for values, n_steps in (((1e-4,), 100), ((1e-4, 3e-4), 100), ((9e-5,), 50), ((2e-3,), 100)):
-        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, True, {})
+        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, True)
         ledger.add_trial("basis", ("modes",), replace(trial, reduction=reduction), trial.errors)
     assert [attempt.largest for attempt in ledger.attempts] == [9e-5, 2e-3]
     assert ledger.best("basis").largest == 2e-3
@@ -482,7 +482,7 @@ def test_the_reduced_model_takes_the_longest_step_of_its_own(per_step: float, n_
     step.finish({})
     assert step.n_full == 64, "an error of nothing allows the coarsest run"
     assert step.n_basis == 4 * 256, "a basis is judged with steps that see the vibrations"
-    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, True, {}))
+    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, True))
     assert step.n_steps == n_steps
     judged = "the reduced model takes the 1024 that it was judged with"
     assert (judged in ledger.reasons["simulation.step"]) == (n_steps == 1024), "and not what fewer steps leave"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.bench import Shelf, bytes_of
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.bench import Shelf, bytes_of
 
 
 @dataclass
@@ -34,7 +34,7 @@ def filled(n_bytes: int, most: int, n: int) -> tuple[Builder, Shelf]:
     builder = Builder(n_bytes)
     shelf = Shelf(builder, most)
     for modes in range(1, n + 1):
-        shelf.put(reduction(modes), builder(reduction(modes)))
+        shelf.take(reduction(modes))
     return builder, shelf
 
 

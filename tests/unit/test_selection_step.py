@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, rounded_step
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme
-from pgmp_petsc.selection.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, step_of
 
 DURATION, SHARE = 1.0, 2e-3
 INSTANTS = np.linspace(0.0, DURATION, 257)
@@ -156,6 +156,6 @@ def test_all_outputs_count() -> None:
 @pytest.mark.parametrize("duration", [1.0, 0.3, 7.0, 1e-6])
 @pytest.mark.parametrize("n_steps", [1, 64, 257, 1028, 72173])
 def test_a_step_has_three_digits_and_makes_hardly_more_steps(duration: float, n_steps: int) -> None:
-    step = step_of(duration, n_steps)
+    step = rounded_step(duration, n_steps)
     assert float(f"{step:.3g}") == step
     assert n_steps <= count_steps(duration, step) <= 1.01 * n_steps + 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.cases import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.selection.training import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
 from scenes import pendulum, slider_crank
 
 NORMAL = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=0.56e-3}%s}'

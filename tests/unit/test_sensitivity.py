@@ -8,7 +8,7 @@ from SALib.analyze import sobol
 from scipy import stats
 
 from pgmp_petsc.ensemble import sensitivity
-from pgmp_petsc.ensemble.designs import Blocks
+from pgmp_petsc.ensemble.sampling import Blocks
 from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given, sensitivities, sensitivity_remarks
 
 NAMES = ["x1", "x2", "x3"]

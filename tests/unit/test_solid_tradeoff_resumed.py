@@ -11,10 +11,10 @@ from combinations import meshes_for, scene_of
 from mpi4py import MPI
 from tradeoffs import LEAST
 
-from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.bench.bench import Bench
+from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.studies import tradeoff_measurement
-from pgmp_petsc.studies.tradeoff import measure_tradeoff
 
 # settings of all models, the reference's two runs, and times
 SWEEP = replace(LEAST, modes=(1,), component_modes=(2,), reference_halvings=(3, 3))
@@ -49,7 +49,7 @@ def killed_after(n: int, monkeypatch: pytest.MonkeyPatch, path: Path, scene: Sce
     begun = [0]
 
     def counted(method: str) -> None:
-        plain = getattr(tradeoff_measurement.Bench, method)
+        plain = getattr(Bench, method)
 
         def call(*arguments: object) -> object:
             begun[0] += 1
@@ -57,10 +57,10 @@ def killed_after(n: int, monkeypatch: pytest.MonkeyPatch, path: Path, scene: Sce
                 raise KeyboardInterrupt
             return plain(*arguments)
 
-        patch.setattr(tradeoff_measurement.Bench, method, call)
+        patch.setattr(Bench, method, call)
 
     with monkeypatch.context() as patch:
-        for method in ("make_ready", "run_reference", "take_times"):
+        for method in ("_measured", "take_times"):
             counted(method)
         with pytest.raises(KeyboardInterrupt):
             study(path, scene, resume)

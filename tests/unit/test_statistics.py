@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.quantities import Peaks
 from pgmp_petsc.ensemble.sensitivity import of_given
-from pgmp_petsc.ensemble.statistics import describe, holds_to, is_constant, quantile_bounds
+from pgmp_petsc.ensemble.statistics import Peaks, describe, holds_to, is_constant, quantile_bounds
 from pgmp_petsc.results.statistics import Chance
 from pgmp_petsc.scene.ensemble import Event
 

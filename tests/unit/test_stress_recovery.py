@@ -12,12 +12,12 @@ from pgmp_petsc.bodies.beam3d import beam_work, section_axes, stretch
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Lame
-from pgmp_petsc.bodies.section import BeamSection, SpatialSection
+from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, hooke, principal, von_mises
-from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
+from pgmp_petsc.scene.bodies import Material
 
 KINDS = [*PLANE_KINDS, *SOLID_KINDS]
 LINEAR = ("triangle", "quad", "tetra", "hexahedron")
@@ -145,7 +145,7 @@ def test_which_of_several_values_is_reported() -> None:
 def spatial_beam(n: int = 4) -> Body:
     mesh = straight_beam(1.2, n, 0.0, 3)
     axes = section_axes(np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0], np.array([0.2, 0.5, 0.8]))
-    section = SpatialSection.of(Rectangle(shape="rectangle", width=0.02, height=0.03), STEEL, {})
+    section = Rectangle(shape="rectangle", width=0.02, height=0.03).coefficients(3, STEEL, {}, dict)
     return Body.beam_in_space("beam", mesh, section, axes)
 
 
@@ -191,7 +191,7 @@ def test_strains_of_beams_begin_as_the_linear_ones(space: bool) -> None:
 
 
 def planar_beam(n: int = 5) -> Body:
-    section = BeamSection.of(Circle(shape="circle", radius=0.01), STEEL)
+    section = Circle(shape="circle", radius=0.01).coefficients(2, STEEL, {}, dict)
     return Body.beam("beam", straight_beam(0.8, n, 0.0, 2), section)
 
 

@@ -13,12 +13,12 @@ from runs import full_model, read_meshes, reduced_model
 from test_results import assert_same
 from tradeoffs import LEAST, TINY, small_scene, study
 
-from pgmp_petsc.experiments.history import floors_of, largest_errors, run_history
+from pgmp_petsc.bench.cases import held_out
+from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
+from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.studies.tradeoff import measure_tradeoff
-from pgmp_petsc.studies.tradeoff_measurement import held_out
 
 # a part of the revolution: the closure takes less time
 LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
@@ -39,7 +39,7 @@ def test_every_setting_has_errors_and_times() -> None:
     assert result.pareto.any(axis=0).all()
     assert result.record.ranks == 1 and {"preparation", "times"} <= set(result.record.timings)
     assert (result.batch, result.samples, result.quick) == (16, 1000, True)
-    np.testing.assert_array_equal(result.test_values["r1"], held_out(small_scene())["r1"])
+    np.testing.assert_array_equal(result.test_values["r1"], held_out(small_scene())[0]["r1"])
     assert result.advice
 
 
@@ -52,7 +52,7 @@ def test_the_first_setting_is_the_scenes_own() -> None:
 
 def test_errors_are_those_of_the_models_against_a_fine_full_order_run() -> None:
     result, scene = small(), small_scene(LIMITED)
-    values, n = held_out(scene), 8
+    values, n = held_out(scene)
     n_steps = round(scene.simulation.duration / result.references.step[0])
     full = full_model(scene)
     exact, floors = run_history(full, values, n, n_steps), floors_of(full)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import synthetic
 
-from pgmp_petsc.texts.tradeoff_table import WIDTH, shown_rows, summary
+from pgmp_petsc.bench.advice import advise, cheapest, envelope
 from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
-from pgmp_petsc.studies.tradeoff_advice import advise, cheapest, envelope
+from pgmp_petsc.texts.tradeoff_table import WIDTH, shown_rows, summary
 
 NAN = float("nan")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench.history import History, largest_errors
+from pgmp_petsc.bench.reference import ReferenceSequence
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.history import History, largest_errors
-from pgmp_petsc.studies.tradeoff_measurement import ReferenceSequence
 
 N = 10
 FLOORS = np.array([1e-10])

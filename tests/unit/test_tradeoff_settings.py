@@ -8,26 +8,25 @@ import numpy as np
 import pytest
 from runs import PAPER_SCENE, paper_scene
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.studies.tradeoff_runner import Dealer, Prices, ReferenceRun, tasks_of
-from pgmp_petsc.studies.tradeoff_settings import (
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, step_of
+from pgmp_petsc.bench.sweep import (
     FULL,
     QUICK,
-    Limits,
-    Setting,
     Sweep,
     best_settings,
     columns_of,
     first_settings,
     own_setting,
     settings_around,
-    step_of,
 )
+from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene.numerics import Reduction
 
-LIMITS = Limits(n_modes=28, n_loads=1)
+LIMITS = Limits(n_modes=28, n_static=1, n_terms=3)
 PRICES = Prices(full=4e-6, components=6e-5, reference=4e-6, timed=4.0)
 
 
@@ -97,7 +96,7 @@ def test_other_families() -> None:
 
 
 def test_meshes_that_are_not_cut_and_terms_that_are_not_there_are_not_asked_for() -> None:
-    of_cells = Limits(28, 1, second_order=False, refinable=False)
+    of_cells = Limits(28, 1, 3, second_order=False, refinable=False)
     own = own_setting(radius_scene())
     settings = [
         *first_settings(radius_scene(), FULL, of_cells),
@@ -125,7 +124,7 @@ def test_without_uncertain_parameters_there_is_no_surface() -> None:
 
 
 def test_without_loads_there_are_no_static_modes() -> None:
-    settings = first_settings(radius_scene("effects={}"), FULL, Limits(28, 0))
+    settings = first_settings(radius_scene("effects={}"), FULL, Limits(28, 0, 3))
     assert not [setting for setting in settings if setting.reduction and setting.reduction.static_modes]
 
 
@@ -142,8 +141,8 @@ def test_a_step_that_is_coarser_must_divide_the_duration() -> None:
 
 
 def test_no_more_modes_than_the_mesh_has() -> None:
-    settings = first_settings(radius_scene(), FULL, Limits(5, 1))
-    lines = settings_around([own_setting(radius_scene())], radius_scene(), FULL, Limits(5, 1))
+    settings = first_settings(radius_scene(), FULL, Limits(5, 1, 3))
+    lines = settings_around([own_setting(radius_scene())], radius_scene(), FULL, Limits(5, 1, 3))
     asked = {setting.reduction.modes for setting in (*settings, *lines) if setting.reduction}
     assert asked == {2, 3, 4, 5, 8, 15, 22}, "the scene's own number and its line are tried, and fail with a reason"
 
@@ -220,20 +219,20 @@ def test_nothing_is_best_where_everything_failed() -> None:
 def test_every_task_is_dealt_once(n_ranks: int) -> None:
     scene = radius_scene()
     settings = first_settings(scene, FULL, LIMITS)
-    runs = [ReferenceRun(1, 16000), ReferenceRun(1, 32000)]
+    runs = [Setting("reference", 16000), Setting("reference", 32000)]
     dealer = Dealer(n_ranks, PRICES, 128, 3)
-    dealt = dealer.deal(tasks_of(settings, runs))
-    works = [work for tasks in dealt for task in tasks for work in task.work]
+    dealt = dealer.deal(tasks_of([*runs, *settings]))
+    works = [work for tasks in dealt for task in tasks for work in task]
     assert len(works) == len(set(works)) == len(settings) + 2
     assert set(works) == {*settings, *runs}
     # settings that share a build are together, also in a later round
-    home = {task.build: rank for rank, tasks in enumerate(dealt) for task in tasks if task.build}
-    again = dealer.deal(tasks_of([replace(own_setting(scene), n_steps=8000)], []))
+    home = {task[0].build: rank for rank, tasks in enumerate(dealt) for task in tasks}
+    again = dealer.deal(tasks_of([replace(own_setting(scene), n_steps=8000)]))
     assert [len(tasks) for tasks in again].index(1) == home[own_setting(scene).build]
 
 
 def test_ranks_have_about_as_much_to_do() -> None:
     dealer = Dealer(2, PRICES, 128, 3)
-    dealt = dealer.deal(tasks_of(first_settings(radius_scene(), FULL, LIMITS), []))
+    dealt = dealer.deal(tasks_of(first_settings(radius_scene(), FULL, LIMITS)))
     one, other = (sum(dealer.seconds(task) for task in tasks) for tasks in dealt)
     assert 0.8 < one / other < 1.25

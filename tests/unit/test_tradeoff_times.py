@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pgmp_petsc.bench import bench
+from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench
 from pgmp_petsc.dynamics.first_accelerations import LENGTHS
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.studies import tradeoff_measurement
-from pgmp_petsc.studies.tradeoff_measurement import FEWEST_STEPS, Simulated
 from scenes import meshes_of, slider_crank
 
 
@@ -25,9 +25,10 @@ def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed
         clock[0] += len(LENGTHS) + taken[-1]
         return SimpleNamespace(state=system.start())
 
-    monkeypatch.setattr(tradeoff_measurement, "TIMED", 0.0)
-    monkeypatch.setattr(tradeoff_measurement, "_now", lambda: np.full(2, clock[0]))
-    monkeypatch.setattr(tradeoff_measurement, "integrate", a_second_each)
-    setting = Simulated(FullModel(scene, meshes_of(scene)), 100, {"r1": np.array([5e-3])}, 1)
-    np.testing.assert_allclose(setting.seconds(1), len(LENGTHS) + 100.0)
+    monkeypatch.setattr(bench, "TIMED", 0.0)
+    monkeypatch.setattr(bench, "_now", lambda: np.full(2, clock[0]))
+    monkeypatch.setattr(bench, "integrate", a_second_each)
+    timed = SimpleNamespace(training=SimpleNamespace(values={"r1": np.array([5e-3])}))
+    seconds = Bench.seconds(timed, FullModel(scene, meshes_of(scene)), 100, 1)
+    np.testing.assert_allclose(seconds, len(LENGTHS) + 100.0)
     assert taken == [FEWEST_STEPS]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pgmp_petsc.bench.cases import box, held_out, node_values, quantiles
+from pgmp_petsc.bench.sweep import ResponseSurface, node_counts
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.studies.tradeoff_measurement import box, held_out, node_values, quantiles
-from pgmp_petsc.studies.tradeoff_settings import ResponseSurface, node_counts
 from scenes import SLIDER_CRANK
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
@@ -22,14 +22,14 @@ def scene(*overrides: str) -> Scene:
 
 
 def test_without_distributions_there_is_the_value_of_the_run() -> None:
-    assert held_out(scene()) == {"r1": np.array([5.6e-3])}
+    assert held_out(scene())[0] == {"r1": np.array([5.6e-3])}
     assert uncertain_names(scene()) == [] and node_counts(0, 4) == []
     no_parameters = scene("parameters={}", "bodies.crank.section.radius=5e-3")
-    assert held_out(no_parameters) == {}
+    assert held_out(no_parameters)[0] == {}
 
 
 def test_one_parameter_takes_quantiles_at_equal_distances() -> None:
-    values = held_out(scene(NORMAL))["r1"]
+    values = held_out(scene(NORMAL))[0]["r1"]
     np.testing.assert_allclose(LAW.cdf(values), np.linspace(0.01, 0.99, 8), rtol=1e-9)
     nodes = node_values(scene(NORMAL), 5)[:, 0]
     np.testing.assert_allclose(nodes, np.linspace(LAW.ppf(0.001), LAW.ppf(0.999), 5), rtol=1e-9)
@@ -37,13 +37,13 @@ def test_one_parameter_takes_quantiles_at_equal_distances() -> None:
 
 @pytest.mark.parametrize("n", node_counts(1, 4))
 def test_test_values_are_no_nodes(n: int) -> None:
-    nodes, values = node_values(scene(NORMAL), n)[:, 0], held_out(scene(NORMAL))["r1"]
+    nodes, values = node_values(scene(NORMAL), n)[:, 0], held_out(scene(NORMAL))[0]["r1"]
     assert np.min(np.abs(nodes[:, None] - values)) > 1e-3 * np.ptp(nodes) / n
 
 
 def test_bounds_cut_the_distribution_off() -> None:
     cut = scene(NORMAL, "parameters.r1.bounds=[5.6e-3, 7.0e-3]")
-    values = held_out(cut)["r1"]
+    values = held_out(cut)[0]["r1"]
     assert values.min() > 5.6e-3 and values.max() < 7.0e-3
     share = (LAW.cdf(values) - 0.5) / (LAW.cdf(7.0e-3) - 0.5)
     np.testing.assert_allclose(share, np.linspace(0.01, 0.99, 8), rtol=1e-9)
@@ -56,7 +56,7 @@ def test_what_must_be_positive_is_so() -> None:
 
 def test_several_parameters_fill_a_latin_hypercube() -> None:
     both = scene(NORMAL, DENSITY, 'materials.steel.rho="rho"')
-    values = held_out(both)
+    values = held_out(both)[0]
     for name, law in (("r1", LAW), ("rho", stats.uniform(7700.0, 200.0))):
         np.testing.assert_allclose(np.sort(law.cdf(values[name])), np.linspace(0.01, 0.99, 8), rtol=1e-6)
     assert not np.array_equal(np.argsort(values["r1"]), np.argsort(values["rho"]))
@@ -66,7 +66,7 @@ def test_several_parameters_fill_a_latin_hypercube() -> None:
 
 def test_the_same_values_every_time() -> None:
     both = scene(NORMAL, DENSITY, 'materials.steel.rho="rho"')
-    np.testing.assert_array_equal(held_out(both)["r1"], held_out(both)["r1"])
+    np.testing.assert_array_equal(held_out(both)[0]["r1"], held_out(both)[0]["r1"])
     np.testing.assert_array_equal(node_values(both, 10), node_values(both, 10))
 
 

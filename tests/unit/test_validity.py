@@ -24,7 +24,7 @@ from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.results.errors import ROTATION_LIMIT, VALIDITY, beyond_limit
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Coefficients
+from pgmp_petsc.bodies.sections.given import Coefficients
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
 
 

@@ -17,12 +17,12 @@ from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_
 from solids import body_of, matrices_of, mesh_of
 from spatial import SLIDER_CRANK as IN_SPACE, bar
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.components.component_modes import condense
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom

@@ -17,8 +17,8 @@ from runs import full_model, reduced_model
 from solids import rectangle_mesh
 from spatial import bars_of, slider_crank_in_space
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel

@@ -28,7 +28,7 @@ from solids import rectangle_mesh
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel

@@ -19,8 +19,8 @@ from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 from two_coordinates import double_pendulum
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.indicator.coverage import absence_of_estimates
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import FullModel, ReducedModel

@@ -30,7 +30,7 @@ from pgmp_petsc.code.source import COMPILED, write_sources
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction import rigid_inertia
+from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.runtime.groups import RankGroup
@@ -261,7 +261,7 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
 
     A coarser table of the rigid motion than the usual one does: both have the same.
     """
-    monkeypatch.setattr(rigid_inertia, "N_FINE_OF_MORE", 24)
+    monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
     found, wanted = outputs_of(compiled(model, tmp_path)), simulated(model).outputs

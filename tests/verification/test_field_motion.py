@@ -7,12 +7,13 @@ from contextlib import closing
 import numpy as np
 import pytest
 from runs import history, rom_of, samples
-from spatial_beams import SLIDER_CRANK as IN_SPACE, lines_of
+from spatial_beams import SLIDER_CRANK as IN_SPACE
+from spatial_beams import lines_of
 
 from pgmp_petsc.bodies.karhunen_loeve import correlation
 from pgmp_petsc.bodies.random_fields import checked_expansion
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml

@@ -8,9 +8,9 @@ from mpi4py import MPI
 from runs import history, samples
 from scipy.integrate import solve_ivp
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml

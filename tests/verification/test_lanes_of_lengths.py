@@ -13,7 +13,7 @@ from length_scenes import SMALL, long_crank
 from mpi4py import MPI
 from runs import rom_of, samples
 
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher, ValidityWatcher
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.member_errors import indicator_of

@@ -9,7 +9,7 @@ from runs import full_model, history, rom_of, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.indicator.coverage import why_not_of_full_order
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError

@@ -14,10 +14,10 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK, lines_of
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.member_errors import indicator_of
 from pgmp_petsc.models import FullModel, Model, ReducedModel

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from runs import history, read_meshes, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene

@@ -14,7 +14,7 @@ from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.straight_beam import straight_beam

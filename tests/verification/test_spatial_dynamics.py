@@ -35,7 +35,7 @@ from spatial import (
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction import rigid_inertia
+from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.trajectory import Trajectory
@@ -339,7 +339,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
     Splines over 2.2 rad then err by 2e-7 of its fourth derivatives.
     """
-    monkeypatch.setattr(rigid_inertia, "N_FINE_OF_MORE", 24)
+    monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
 
 
 @lru_cache(maxsize=1)

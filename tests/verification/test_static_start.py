@@ -15,7 +15,7 @@ from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.allotment import Plan
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
 from pgmp_petsc.reduction.build import build_rom

@@ -14,7 +14,7 @@ from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.scene import scene_from_toml

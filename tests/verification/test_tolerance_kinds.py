@@ -9,12 +9,12 @@ import pytest
 from combinations import meshes_for, scene_of
 from mpi4py import MPI
 
+from pgmp_petsc.bench.choice import Choice, choose
+from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.selection.choice import Choice, choose
 
 TOLERANCE = 1e-2
 # what is not looked at here: the search over families and angles is that of beams

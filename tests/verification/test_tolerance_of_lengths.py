@@ -7,13 +7,13 @@ from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
 from runs import read_meshes
 
+from pgmp_petsc.bench import choice as length_choice
+from pgmp_petsc.bench.choice import Choice
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.selection import length_choice
-from pgmp_petsc.selection.choice import Choice
 
 KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=8, length_points=2"
 OPEN = (

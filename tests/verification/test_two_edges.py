@@ -14,9 +14,9 @@ from gap_spring import GAP_SPRING
 from mpi4py import MPI
 from runs import full_model, history, reduced_model, samples
 
+from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.effects.laws import STOP
-from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import Model

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.assembled import Assembled
+from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -16,7 +17,7 @@ from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d, Material
+from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
 from pgmp_petsc.scene.findings import Finding, doubt, named, refusal
 
@@ -57,7 +58,7 @@ def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
             mesh = straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
         if mesh is not None:
             of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}[type(mesh)]
-            sizes[name] = of(scene, body, mesh)
+            sizes[name] = of(scene, name, mesh)
     return sizes
 
 
@@ -133,9 +134,7 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
-        if body.flexible or not isinstance(
-            body.section, (Coefficients, Coefficients3d)
-        ):  # those of a rigid body say its mass only
+        if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
             yield doubt(
@@ -187,40 +186,30 @@ def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
 
 def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[object, ...]]:
     """Return the entry that says how thick a beam is, and its value if that is one number."""
-    if isinstance(body.section, (Coefficients, Coefficients3d)):
+    section = body.section
+    if not section.sizes:
         return entry, ()
-    key = "radius" if isinstance(body.section, Circle) else "height"
-    if key == "height" and scene.number(body.section.width) > scene.number(body.section.height):
-        key = "width"
-    name, value = named(scene, f"{entry}.{key}", getattr(body.section, key))
+    key = max(section.sizes, key=lambda size: scene.number(getattr(section, size)))
+    name, value = named(scene, f"{entry}.{key}", getattr(section, key))
     return name, (value,)
 
 
-def _beam(scene: Scene, body: Body, mesh: LineMesh) -> Size:
-    section = body.section
+def _beam(scene: Scene, name: str, mesh: LineMesh) -> Size:
+    body, section = scene.bodies[name], BeamSection.of(scene, name)
     length = float(np.max(np.ptp(mesh.nodes, axis=0)))
-    if isinstance(section, (Coefficients, Coefficients3d)):
-        axial, line_density = scene.number(section.axial), scene.number(section.line_density)
-        about = [section.bending] if isinstance(section, Coefficients) else [section.bending_2, section.bending_3]
-        bending = min(map(scene.number, about))
-        gyration, speed = math.sqrt(bending / axial), math.sqrt(axial / line_density)
+    axial, line_density = (float(part.at(scene.values)) for part in (section.axial, section.mass[0]))
+    bending = min(float(part.at(scene.values)) for part in section.bending)
+    gyration, speed = math.sqrt(bending / axial), math.sqrt(axial / line_density)
+    if body.section.reach is None:
         thickness = math.sqrt(12.0) * gyration
     else:
-        if isinstance(section, Circle):
-            radius = scene.number(section.radius)
-            area, gyration, thickness = math.pi * radius**2, 0.5 * radius, 2.0 * radius
-        else:
-            width, height = scene.number(section.width), scene.number(section.height)
-            bending = height if scene.dimension == 2 else min(width, height)
-            area, gyration, thickness = width * height, bending / math.sqrt(12.0), max(width, height)
-        density, speed = _material(scene, body)
-        line_density = density * area
+        thickness = max(2.0 * float(reach.at(scene.values)) for reach in body.section.reach)
     frequency = 0.5 * math.pi * gyration * speed / length**2 if body.flexible else 0.0
     return Size(length, thickness, line_density * float(mesh.lengths.sum()), frequency)
 
 
-def _solid(scene: Scene, body: Body, mesh: SolidMesh) -> Size:
-    extents = np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
+def _solid(scene: Scene, name: str, mesh: SolidMesh) -> Size:
+    body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
     length, thickness = float(extents[0]), float(extents[-1])
     density, speed = _material(scene, body)
     # of the box around it, which it fills in part
@@ -229,8 +218,8 @@ def _solid(scene: Scene, body: Body, mesh: SolidMesh) -> Size:
     return Size(length, thickness, density * volume, frequency)
 
 
-def _assembled(scene: Scene, body: Body, mesh: Assembled) -> Size:
-    extents = np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
+def _assembled(scene: Scene, name: str, mesh: Assembled) -> Size:
+    body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
     length, thickness, speed = float(extents[0]), float(extents[-1]), _speed(scene, body, mesh)
     mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
     frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0

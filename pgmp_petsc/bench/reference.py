@@ -3,9 +3,18 @@
 The mesh is the truth of a scene. Where its runs take longer than ``reference.budget`` allows, the component model takes
 its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
 points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
-(`price`): the choice is the same for any number of ranks.
+(`finished.Price`): the choice is the same for any number of ranks. Its step, in a trade-off, is halved until it no
+longer matters: until the last halving moved every output by less than a tenth of the smallest error that any setting
+has against it. For an integrator of order two, what remains is then a third of that move.
 
-What experiments are about: a scene, its bodies as they come and condensed, and their rigid kinematics, made once.
+A subject is a scene, its bodies as they come and condensed, and their rigid kinematics, made once. Numbers of steps are
+counted by the period of the first flexible mode at the start. Its frequency is the lowest one of the mechanism at
+rest, without springs, at nominal parameters; prescribed coordinates are held. Of a mesh, or of condensed bodies, it
+comes from the eigenproblem of the modes; of a reduced model from its tables; of bodies in floating frames from the same
+constraints on their frames: with the rigid motion r and amplitudes xi of every body, frames move by ``u = R r + S xi``,
+constraints say ``C u = 0``, and
+
+    (N^T K N - omega^2 N^T M N) y = 0,     N a basis of the null space of C [R S].
 """
 
 from __future__ import annotations
@@ -15,19 +24,26 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from scipy.linalg import block_diag, eigh, null_space
 
+from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
+from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.inertia_moments import rigid_motions
+from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.experiments.finished import Price, duration_text, step_seconds
-from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
-from pgmp_petsc.experiments.period import first_period
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import ComponentModel, FullModel
-from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.mechanism.mechanism import Mechanism, linear_fields
+from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models.model import start_of
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -308,3 +324,202 @@ def _outermost(values: Mapping[str, np.ndarray], n_samples: int) -> Sequence[int
 
 def _named(at: Mapping[str, np.ndarray]) -> str:
     return ", ".join(f"{name} = {float(column[0]):.4g}" for name, column in at.items()) or "the scene's values"
+
+
+DEPENDENT = 1e-9  # of the largest singular value of the constraints: those below follow from others
+
+
+def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
+    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`.
+
+    Parameters
+    ----------
+    comm
+        All ranks.
+    group
+        Ranks that share an eigenproblem.
+    """
+    frequency = 0.0
+    with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
+        frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])
+    # the first rank's: numbers of steps follow from it on all of them
+    return 1.0 / comm.bcast(frequency)
+
+
+def period_of(model: AnyModel, comm: MPI.Comm) -> float:
+    """Return the period of any model (s). Collective on `comm`."""
+    if isinstance(model, ReducedModel):
+        return on_root(comm, _of_tables, model)
+    if isinstance(model, ComponentModel):
+        return on_root(comm, _of_floating_bodies, model)
+    return first_period(model.scene, model.kinematics, comm, comm)
+
+
+def start_of_coordinates(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
+    """Return where the coordinates of a scene start, shape (n_theta,), rad."""
+    return start_of(scene, kinematics.mechanism)[0]
+
+
+def _of_tables(model: ReducedModel) -> float:
+    """Return the period of a reduced model, from its tables at the sample nearest to the start."""
+    tables, nominal, r = model.terms.tables, model.scene.nominal, model.terms.tables.n_coordinates
+    at = int(tables.samples.nearest(np.asarray(model.start[0])[None])[0])
+    mass = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.mass_weights, tables.mass[at]))
+    total = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.stiffness_weights, tables.stiffness[at]))
+    free = [k for k, coordinate in enumerate(model.kinematics.coordinates) if not coordinate.prescribed]
+    kept = [*free, *range(r, len(mass))]
+    stiffness = block_diag(np.zeros((len(free), len(free))), total)
+    return _period(stiffness, mass[np.ix_(kept, kept)], len(free))
+
+
+def _of_floating_bodies(model: ComponentModel) -> float:
+    """Return the period of bodies in floating frames."""
+    kinematics, nominal = model.kinematics, model.scene.nominal
+    mechanism = kinematics.mechanism
+    pose = kinematics.poses(start_of_coordinates(model.scene, kinematics)[None])[..., 0]
+    clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+    moved, masses, stiffnesses = [], [], []
+    for body in mechanism.bodies:
+        rigid = linear_fields(body)[: body.node_dofs * body.n_nodes] @ rigid_motions(np.zeros(body.mesh.nodes.shape[1]))
+        columns = np.zeros((mechanism.n_dofs, rigid.shape[1] + (0 if body.floating is None else body.floating.n)))
+        columns[body.dofs[: len(rigid)], : rigid.shape[1]] = rigid
+        mass, stiffness = np.zeros((2, columns.shape[1], columns.shape[1]))
+        if body.floating is not None:
+            shapes = body.floating.shapes.reshape(-1, body.floating.n)
+            columns[body.dofs[: len(shapes)], rigid.shape[1] :] = shapes
+            mass = _inertia(body, nominal)
+            own = slice(rigid.shape[1], None)
+            stiffness[own, own] = _sum(body.floating.stiffness, nominal)
+        moved.append(columns)
+        masses.append(mass)
+        stiffnesses.append(stiffness)
+    motion = np.hstack(moved)
+    # what is not in floating frames: rigid bodies, and masses at frames
+    others = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+    mass = block_diag(*masses) + sum(
+        float(weight.evaluate(nominal)) * (motion.T @ (matrix @ motion)) for weight, matrix in others.items()
+    )
+    held = constraint_jacobian(mechanism, pose, clamped) @ motion
+    free = null_space(held, rcond=DEPENDENT)
+    n_rigid = len(kinematics.coordinates) - len(clamped)
+    return _period(free.T @ block_diag(*stiffnesses) @ free, free.T @ mass @ free, n_rigid)
+
+
+def _inertia(body: Body, nominal: dict[str, float]) -> np.ndarray:
+    """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
+    floating, d = body.floating, body.mesh.nodes.shape[1]
+    moments, n_rigid = _sum(floating.moments, nominal), d * (d + 1) // 2
+    rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
+    for k in range(d):
+        # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
+        fields = np.zeros((len(moments), n_rigid + floating.n))
+        fields[0, :n_rigid], fields[1 : 1 + d, :n_rigid] = rigid[k], rigid[d + d * k : d + d * (k + 1)]
+        own = slice(1 + d + k * floating.n, 1 + d + (k + 1) * floating.n)
+        fields[own, n_rigid:] = np.eye(floating.n)
+        total += fields.T @ moments @ fields
+    return total
+
+
+def _sum(terms: dict[Monomial, np.ndarray], values: dict[str, float]) -> np.ndarray:
+    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
+
+
+def _period(stiffness: np.ndarray, mass: np.ndarray, n_rigid: int) -> float:
+    """Return the period of the lowest eigenvalue but those of the rigid motion."""
+    values = eigh(stiffness, mass, eigvals_only=True, subset_by_index=(0, n_rigid))
+    return float(2.0 * np.pi / np.sqrt(values[n_rigid]))
+
+
+OF_SMALLEST = 0.1  # error of any setting: what the last halving may move
+ORDER = 2
+ROUND_OFF = 1e-12  # a move that small is none
+MOST_AT_ONCE = 3  # halvings that are asked for together: a prediction by the order is no more than that
+
+
+class ReferenceSequence:
+    """Runs of a reference on one mesh, with steps that are halved.
+
+    Parameters
+    ----------
+    first
+        Number of steps of the coarsest run.
+    most
+        Number of steps of the finest run that is allowed.
+    floors
+        Below which outputs count as zero, in their units, shape (n_outputs,).
+    """
+
+    def __init__(self, first: int, most: int, floors: np.ndarray) -> None:
+        self._first, self._most, self._floors = first, max(most, 2 * first), floors
+        self._runs: dict[int, History] = {}
+        self._failure = ""
+
+    def add(self, n_steps: int, run: History) -> None:
+        """Take in a run; the one with twice its steps comes next."""
+        self._runs[n_steps] = run
+
+    def give_up(self, reason: str) -> None:
+        """Refine no further: a finer run failed."""
+        self._failure = reason
+
+    @property
+    def usable(self) -> bool:
+        """Whether there are two runs, so that one can tell how fine the finest is."""
+        return len(self._runs) > 1
+
+    @property
+    def failure(self) -> str:
+        """Why it was given up; empty where it was not."""
+        return self._failure
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of the finest run."""
+        return max(self._runs)
+
+    @property
+    def history(self) -> History:
+        """The finest run."""
+        return self._runs[self.n_steps]
+
+    @property
+    def moved(self) -> np.ndarray:
+        """By how much the last halving moved each output, as `largest_errors`, shape (n_outputs,)."""
+        return largest_errors(self._runs[self.n_steps // 2], self.history, self._floors)
+
+    def wanted(self, smallest: np.ndarray) -> list[int]:
+        """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell.
+
+        Parameters
+        ----------
+        smallest
+            Smallest error of any setting in each output, shape (n_outputs,); infinite or NaN where there is none.
+        """
+        if self._failure:
+            return []
+        if not self.usable:
+            return [self._first, 2 * self._first]
+        if self.settled(smallest):
+            return []
+        halvings = np.ceil(np.log(self._excess(smallest)) / np.log(2**ORDER))
+        finer = [self.n_steps * 2**k for k in range(1, int(np.clip(halvings, 1, MOST_AT_ONCE)) + 1)]
+        return [n for n in finer if n <= self._most]
+
+    def settled(self, smallest: np.ndarray) -> bool:
+        """Whether the last halving moved every output by less than a tenth of its smallest error."""
+        return not self._excess(smallest) >= 1.0
+
+    def reason(self, smallest: np.ndarray) -> str:
+        """Say why the step is not halved again."""
+        if self._failure:
+            return f"a finer run failed: {self._failure}"
+        if self.settled(smallest):
+            return f"the last halving moved no output by {OF_SMALLEST:g} of its smallest error"
+        return "the finest step that is allowed"
+
+    def _excess(self, smallest: np.ndarray) -> float:
+        """Return the move over the allowed one, the largest of any output."""
+        wanted = OF_SMALLEST * np.where(np.isnan(smallest), np.inf, smallest)
+        known = np.isfinite(self.moved) & (self.moved > ROUND_OFF)
+        with np.errstate(divide="ignore"):
+            return float(np.max(self.moved[known] / wanted[known], initial=0.0))

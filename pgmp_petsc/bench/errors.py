@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.experiments.history import History
+from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.training import Training
 
 
 @dataclass(frozen=True)
@@ -84,8 +83,6 @@ class Trial:
         Wall time of build and runs.
     built
         Whether it could be built.
-    histories
-        By load, on the load's rank.
     """
 
     reduction: Reduction
@@ -94,7 +91,15 @@ class Trial:
     reason: str
     seconds: float
     built: bool
-    histories: Mapping[str, History] = field(repr=False)
+
+    def at(self, n_steps: int) -> Setting:
+        """Return it as a setting, with so many steps."""
+        return Setting("reduced", n_steps, reduction=self.reduction)
+
+    @property
+    def setting(self) -> Setting:
+        """It as a setting."""
+        return self.at(self.n_steps)
 
 
 # Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took

@@ -14,78 +14,22 @@ outputs of its runs only.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RBFInterpolator
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, own_steps, step_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.spanning_values import uncertain_names
 
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
 ALONG_EACH = 0.7  # power of the angles of one coordinate that are taken along each of several: 48 become 15
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One way to compute the outputs of samples.
-
-    Attributes
-    ----------
-    family
-        ``reduced``, ``components``, ``full`` or ``surface``.
-    n_steps
-        Time steps over the scene's duration.
-    refinement
-        Parts that every cell of the scene's meshes is cut into.
-    nodes
-        Runs of the reference that a response surface goes through, 0 for the models.
-    component_modes
-        Modes that bodies in floating frames serve, 0 for the others.
-    reduction
-        Entries of the reduced model, None for the others.
-    """
-
-    family: str
-    n_steps: int
-    refinement: int = 1
-    nodes: int = 0
-    component_modes: int = 0
-    reduction: Reduction | None = None
-
-    @property
-    def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
-        """What is done before the first sample; settings of a model that differ in the step alone share it."""
-        steps = self.n_steps if self.nodes else 0
-        return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
-
-    def with_reduction(self, **entries: Any) -> Setting:
-        """Return the setting with other entries of the reduction."""
-        return replace(self, reduction=self.reduction.model_copy(update=entries))
-
-    def overrides(self, scene: Scene) -> list[str]:
-        """Return what to override in a scene, ``dotted.key=VALUE``; a refined mesh is not among it.
-
-        What a scene with a tolerance leaves to `pgmp build` is given too, so that it is not chosen again.
-        """
-        changes = []
-        if self.reduction is not None:
-            for key, value in self.reduction.model_dump(exclude_none=True).items():
-                if value != getattr(scene.reduction, key) or _left_open(scene.reduction, key):
-                    changes.append(f"reduction.{key}={json.dumps(value)}")
-        if self.component_modes and self.component_modes != scene.reduction.modes:
-            changes.append(f"reduction.modes={self.component_modes}")
-        simulation = scene.simulation
-        if self.n_steps != count_steps(simulation.duration, simulation.step) or _left_open(simulation, "step"):
-            changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
-        return changes
 
 
 @dataclass(frozen=True)
@@ -192,28 +136,6 @@ QUICK = Sweep(
     few_repeats=1,
     reference_halvings=(3, 3),
 )
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a scene allows.
-
-    Attributes
-    ----------
-    n_modes
-        Flexible modes that the scene's meshes have.
-    n_loads
-        Effects that static modes can answer to.
-    second_order
-        Whether the reduced model may have terms of second order.
-    refinable
-        Whether meshes can be cut into finer ones and run as the reference: those of lines.
-    """
-
-    n_modes: int
-    n_loads: int
-    second_order: bool = True
-    refinable: bool = True
 
 
 def own_setting(scene: Scene) -> Setting:
@@ -349,30 +271,11 @@ def _adaptive(setting: Setting) -> bool:
 
 def _static(limits: Limits) -> tuple[bool, ...]:
     """Return the choices of static modes that differ: without loads there are none."""
-    return (False, True) if limits.n_loads else (False,)
+    return (False, True) if limits.n_static else (False,)
 
 
 def _within(modes: Sequence[int], limits: Limits) -> list[int]:
     return [n for n in modes if n <= limits.n_modes]
-
-
-def _left_open(table: Reduction | Simulation, key: str) -> bool:
-    """Whether a table has a tolerance and leaves an entry to the choice that follows from it."""
-    return table.tolerance is not None and key not in table.model_fields_set
-
-
-def step_of(duration: float, n_steps: int) -> float:
-    """Return the step with the fewest digits (s) that gives so many steps."""
-    for digits in range(17):
-        step = float(f"{duration / n_steps:.{digits}e}")
-        if step > 0.0 and count_steps(duration, step) == n_steps:
-            return step
-    return duration / n_steps
-
-
-def own_steps(scene: Scene) -> int:
-    """Return the number of steps that the scene asks for."""
-    return count_steps(scene.simulation.duration, scene.simulation.step)
 
 
 def _steps(n: int, finer: int, coarser: int) -> list[int]:

@@ -23,11 +23,10 @@ from dataclasses import dataclass
 from math import log
 from typing import Any
 
+from pgmp_petsc.bench.finished import LOCAL_EFFECT, duration_text
+from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
-from pgmp_petsc.experiments.finished import LOCAL_EFFECT, duration_text
-from pgmp_petsc.experiments.period import start_of_coordinates
-from pgmp_petsc.experiments.reference import takes_second_order
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -169,6 +168,8 @@ class Limits:
         that end the modes.
     slender
         Whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too.
+    refinable
+        Whether meshes can be cut into finer ones and run as the reference: those of lines.
     """
 
     n_modes: int
@@ -180,6 +181,7 @@ class Limits:
     second_order: bool = True
     n_condensed: int | None = None
     slender: bool = True
+    refinable: bool = True
 
     def most_modes(self, beside: int) -> int:
         """Return the most modes that a basis may have beside other vectors."""

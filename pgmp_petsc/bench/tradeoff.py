@@ -1,6 +1,6 @@
 """What accuracy costs in time: errors and times of many settings, all measured in one run.
 
-First the reference is chosen: the mesh, or the component model where the mesh is too dear (`experiments.reference`).
+First the reference is chosen: the mesh, or the component model where the mesh is too dear (`bench.reference`).
 Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
 through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
 times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
@@ -12,17 +12,36 @@ ranks.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.bench.advice import advise
+from pgmp_petsc.bench.bench import TIMED, Bench, Measured
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
+from pgmp_petsc.bench.finished import PAIR, Arrays, Finished, step_seconds
+from pgmp_petsc.bench.history import largest_errors
+from pgmp_petsc.bench.reference import (
+    Demand,
+    Reference,
+    ReferenceSequence,
+    Subject,
+    choose_reference,
+    distance_from_mesh,
+)
+from pgmp_petsc.bench.sweep import (
+    Sweep,
+    best_settings,
+    columns_of,
+    first_settings,
+    own_setting,
+    settings_around,
+)
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.experiments.finished import PAIR, Finished, step_seconds
-from pgmp_petsc.experiments.history import floors_of, largest_errors
-from pgmp_petsc.experiments.reference import Demand, Reference, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
@@ -30,25 +49,11 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import without_progress
+from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.progress import progress, without_progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names, with_numbers
-from pgmp_petsc.selection.ladder import Limits as Basis
-from pgmp_petsc.studies.tradeoff_advice import advise
-from pgmp_petsc.studies.tradeoff_measurement import TIMED, Bench, Measured, ReferenceSequence, held_out
-from pgmp_petsc.studies.tradeoff_runner import Dealer, Prices, ReferenceRun, Runner, Task, tasks_of
-from pgmp_petsc.studies.tradeoff_settings import (
-    Limits,
-    Setting,
-    Sweep,
-    best_settings,
-    columns_of,
-    first_settings,
-    own_setting,
-    own_steps,
-    settings_around,
-)
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -106,23 +111,25 @@ def measure_tradeoff(
         )
     scene = _of_one_mechanism(scene)
     timings, sweep = Timings(), sweep.over(len(scene.coordinates))
-    with timings.phase("preparation"), without_progress():
-        subject, reference, shared = _prepared(scene, meshes, sweep, comm, say)
-        with agreed(comm, "preparing the study"):
-            limits = _limits(subject, reference)
-            bench = Bench(subject, reference, sweep.few_repeats, shared)
-            bench.warm_up(own_setting(scene), limits.second_order)
-            dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
-            dealer.n_coordinates = len(scene.coordinates)
-    study = _Study(scene, sweep, bench, limits)
-    runner = Runner(bench, comm, finished)
-    with timings.phase("settings and references"):
-        for title, plan in (("first settings", study.first), ("further settings", study.further)):
-            study.take(runner.work(dealer.deal(on_root(comm, plan)), title))
-        while tasks := on_root(comm, study.references):
-            study.take(runner.work(dealer.deal(tasks), "reference"))
-    with timings.phase("times"):
-        times, waiting = runner.times(sweep.repeats)
+    training = Training.of_own_loads(scene, *held_out(scene))
+    with RankGroup.split(alone(), 1) as own:
+        with timings.phase("preparation"), without_progress():
+            subject, reference, shared = _prepared(scene, meshes, training, sweep, comm, say)
+            with agreed(comm, "preparing the study"):
+                limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+                lines = all(isinstance(mesh, LineMesh) for mesh in meshes.values())
+                bench = Bench(reference, training, alone(), subject, own, finished=finished, timed=shared)
+                bench.warm_up(own_setting(scene), limits.second_order)
+                dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
+                dealer.n_coordinates = len(scene.coordinates)
+        study = _Study(scene, sweep, bench, replace(limits, refinable=lines and reference.is_mesh))
+        with timings.phase("settings and references"):
+            for title, plan in (("first settings", study.first), ("further settings", study.further)):
+                study.take(_work(bench, dealer.deal(tasks_of(on_root(comm, plan))), title, comm))
+            while settings := on_root(comm, study.references):
+                study.take(_work(bench, dealer.deal(tasks_of(settings)), "reference", comm))
+        with timings.phase("times"):
+            times, waiting = _times(bench, sweep, finished, comm)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
@@ -149,10 +156,15 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene, meshes: Mapping[str, BodyShape], sweep: Sweep, comm: MPI.Comm, say: Callable[[str], None]
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    training: Training,
+    sweep: Sweep,
+    comm: MPI.Comm,
+    say: Callable[[str], None],
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
-    modes = scene.reduction.modes
+    modes, n = scene.reduction.modes, own_steps(scene)
     factors = (1.0, *sweep.own_modes)
     most = max(*sweep.modes, *sweep.tensor_modes, *(round(f * modes) for f in factors), 1)
     with RankGroup.split(comm, 1) as group:
@@ -160,30 +172,18 @@ def _prepared(
         subject = Subject.of(scene, meshes, group, most)
         condensing = comm.allreduce(process_time() - begin)
     begin = process_time()
-    reference = choose_reference(scene, meshes, subject.kinematics, _demand(scene, sweep, most), comm)
+    # two runs with small steps, and the surfaces' nodes
+    demand = Demand(
+        "pgmp tradeoff", float(3 * 4 * n * 2**sweep.finer * training.n_samples), f"{training.n_samples} test values",
+        "shorten simulation.duration, or take a larger simulation.step",
+        round(MORE_MODES * max(most, *sweep.component_modes, 1)),
+    )  # fmt: skip
+    reference = choose_reference(scene, meshes, subject.kinematics, demand, comm)
     preparing = comm.allreduce(process_time() - begin)
     say(reference.why)
-    values = held_out(scene)
-    n_values = next((len(column) for column in values.values()), 1)
-    coarse = max(own_steps(scene) // COARSER, 1)
-    reference = distance_from_mesh(reference, meshes, values, n_values, coarse, comm)
+    coarse = max(n // COARSER, 1)
+    reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, comm)
     return subject, reference, {"reduced": condensing, "surface": preparing}
-
-
-def _demand(scene: Scene, sweep: Sweep, most: int) -> Demand:
-    """Return what the reference has to run, at least: two runs with small steps, and the surfaces' nodes."""
-    n, n_values = own_steps(scene), next((len(column) for column in held_out(scene).values()), 1)
-    steps = 3 * 4 * n * 2**sweep.finer * n_values
-    cases = f"{n_values} test values"
-    cure = "shorten simulation.duration, or take a larger simulation.step"
-    return Demand("pgmp tradeoff", float(steps), cases, cure, round(MORE_MODES * max(most, *sweep.component_modes, 1)))
-
-
-def _limits(subject: Subject, reference: Reference) -> Limits:
-    """Return what the scene allows."""
-    basis = Basis.of(subject.scene, subject.kinematics, subject.n_modes)
-    lines = all(isinstance(mesh, LineMesh) for mesh in subject.meshes.values())
-    return Limits(basis.n_modes, len(subject.scene.effects), basis.second_order, lines and reference.is_mesh)
 
 
 def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
@@ -193,6 +193,46 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     flexible = sum(body.flexible for body in subject.scene.bodies.values())
     components = PAIR * n**2 * flexible if reference.is_mesh else reference.price.step
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
+
+
+def _work(
+    bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm
+) -> dict[Setting, Measured] | None:
+    """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
+    own: dict[Setting, Measured] = {}
+    settings = [setting for task in dealt[comm.rank] for setting in task]
+    with agreed(comm, title), progress(len(settings), title, comm) as bar, without_progress():
+        for setting in settings:
+            own[setting] = bench.measure(setting)
+            bar.update()
+    gathered = comm.gather(own)
+    return None if gathered is None else {setting: found for part in gathered for setting, found in part.items()}
+
+
+def _times(
+    bench: Bench, sweep: Sweep, finished: Finished | None, comm: MPI.Comm
+) -> tuple[dict[Setting, np.ndarray], float]:
+    """Take the times of all settings in turns; on the first rank return those of all ranks, and their wall time over
+    their processor time: 1 on a quiet machine, 0 where nothing was timed. Collective on `comm`."""
+    known: dict[Setting, Arrays] = {}
+    if finished is not None:
+        kept = {setting: finished.get("times", setting) for setting in bench.ready}
+        known = {setting: arrays for setting, arrays in kept.items() if arrays is not None}
+    todo = [setting for setting in bench.ready if setting not in known]
+    with agreed(comm, "taking times"), progress(sweep.repeats * len(todo), "times", comm) as bar:
+        with without_progress():
+            for turn in range(1, sweep.repeats + 1):
+                for setting in todo:
+                    bench.take_times(setting, turn, sweep.few_repeats)
+                    bar.update()
+        for setting in todo:
+            known[setting] = {"times": bench.times(setting), "spent": bench.spent_on(setting)}
+            if finished is not None:
+                finished.put("times", setting, known[setting])
+    every = {setting: arrays for part in comm.gather(known) or () for setting, arrays in part.items()}
+    wall, processor = sum((arrays["spent"] for arrays in every.values()), np.zeros(2))
+    times = {setting: arrays["times"] for setting, arrays in every.items()}
+    return times, float(wall / processor) if processor else 0.0
 
 
 @dataclass
@@ -205,13 +245,13 @@ class _Study:
     limits: Limits
     _asked: list[Setting] = field(default_factory=list)
     _measured: dict[Setting, Measured] = field(default_factory=dict)
-    _meshes: dict[int, Measured] = field(default_factory=dict)
+    _finest: Measured | None = None  # on the finest mesh
     _sequences: dict[int, ReferenceSequence] = field(init=False)
     _floors: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n, halvings = own_steps(self.scene), self.sweep.reference_halvings
-        self._floors = floors_of(self.bench.reference.model)
+        self._floors = self.bench.floors
         # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
         refinements = self.sweep.refinements if self.limits.refinable else ()
@@ -223,19 +263,17 @@ class _Study:
 
     def _most(self, n_steps: int) -> int:
         """Return the most steps of the reference that are within its budget, if that is fewer."""
-        reference, entry = self.bench.reference, self.scene.reference
-        n_values = next((len(column) for column in self.bench.values.values()), 1)
-        while entry.model == "auto" and 2.0 * n_values * n_steps * reference.price.step > entry.budget:
+        while n_steps > self.bench.most_steps:
             n_steps //= 2
         return n_steps
 
-    def first(self) -> list[Task]:
-        """Return the first tasks."""
-        finest = [ReferenceRun(self.sweep.finest, own_steps(self.scene))] if self.limits.refinable else []
+    def first(self) -> list[Setting]:
+        """Return what is measured first."""
+        finest = [Setting("reference", own_steps(self.scene), self.sweep.finest)] if self.limits.refinable else []
         self._asked = first_settings(self.scene, self.sweep, self.limits)
-        return tasks_of(self._asked, [*finest, *self._missing(1)])
+        return [*finest, *self._missing(1), *self._asked]
 
-    def further(self) -> list[Task]:
+    def further(self) -> list[Setting]:
         """Return the lines through the best settings of the first tasks, and runs that the references still need.
 
         Raises
@@ -251,20 +289,22 @@ class _Study:
         around = settings_around(best, self.scene, self.sweep, self.limits)
         new = [setting for setting in around if setting not in self._measured]
         self._asked += new
-        return tasks_of(new, self._all_missing())
+        return [*self.references(), *new]
 
-    def references(self) -> list[Task]:
+    def references(self) -> list[Setting]:
         """Return the runs that the references still need."""
-        return tasks_of([], self._all_missing())
+        return [run for refinement in self._sequences for run in self._missing(refinement)]
 
-    def take(self, found: Mapping[Setting | ReferenceRun, Measured] | None) -> None:
-        """Take in what tasks gave; None on all ranks but the first."""
-        for work, measured in (found or {}).items():
-            if isinstance(work, Setting):
-                self._measured[work] = measured
-            elif work.refinement == self.sweep.finest:
-                self._meshes[work.refinement] = measured
-        runs = [work for work in found or {} if isinstance(work, ReferenceRun) and work.refinement in self._sequences]
+    def take(self, found: Mapping[Setting, Measured] | None) -> None:
+        """Take in what was measured; None on all ranks but the first."""
+        runs = []
+        for setting, measured in (found or {}).items():
+            if setting.family != "reference":
+                self._measured[setting] = measured
+            elif setting.refinement in self._sequences:
+                runs.append(setting)
+            else:
+                self._finest = measured
         for run in sorted(runs, key=lambda run: run.n_steps):
             sequence, measured = self._sequences[run.refinement], found[run]
             if measured.history is None:
@@ -283,7 +323,7 @@ class _Study:
         return Tradeoff(
             record=record,
             units=units,
-            test_values=self.bench.values,
+            test_values=self.bench.training.values,
             parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
             families=tuple(setting.family for setting in settings),
             columns=columns,
@@ -301,12 +341,9 @@ class _Study:
             rigid_coordinates=len(self.scene.coordinates),
         )
 
-    def _missing(self, refinement: int) -> list[ReferenceRun]:
+    def _missing(self, refinement: int) -> list[Setting]:
         wanted = self._sequences[refinement].wanted(self._smallest(refinement))
-        return [ReferenceRun(refinement, n_steps) for n_steps in wanted]
-
-    def _all_missing(self) -> list[ReferenceRun]:
-        return [run for refinement in self._sequences for run in self._missing(refinement)]
+        return [Setting("reference", n_steps, refinement) for n_steps in wanted]
 
     def _errors(self, setting: Setting) -> np.ndarray:
         """Return the errors of a setting against the finest reference so far; NaN where there is nothing to compare."""
@@ -344,10 +381,10 @@ class _Study:
         if not self.limits.refinable:
             return MeshErrors(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, n_outputs)))
         refinements = [1, *self.sweep.refinements, self.sweep.finest]
-        n, exact = own_steps(self.scene), self._meshes[self.sweep.finest].history
+        n, exact = own_steps(self.scene), self._finest.history
         rows = []
         for refinement in refinements:
-            run = self._measured.get(Setting("full", n, refinement), self._meshes.get(refinement))
+            run = self._measured.get(Setting("full", n, refinement), self._finest)
             known = exact is not None and run.history is not None
             errors = largest_errors(run.history, exact, self._floors) if known else np.full(n_outputs, np.nan)
             rows.append(errors)
@@ -361,3 +398,102 @@ def _flags(setting: Setting, scene: Scene) -> str:
     for override in setting.overrides(scene):
         words += ["--override", shlex.quote(override)]
     return " ".join(words)
+
+
+Task = tuple[Setting, ...]  # what one rank does in one go: settings with the same build
+# s, on a common processor: of an angle and of a model, of a step of a batch whatever its size, of a step of a sample
+ANGLE, MODEL = 0.01, 0.6
+STEP, HISTORY_STEP = 1.0e-4, 3.0e-4
+REDUCED_SAMPLE, REDUCED_ENTRY = 1.0e-6, 2.0e-8
+N_VALUES = 8  # test values of a history
+
+
+def tasks_of(settings: Sequence[Setting]) -> list[Task]:
+    """Put settings with the same build together, but for runs of the reference, each of which goes to any rank."""
+    together: dict[tuple, list[Setting]] = {}
+    for setting in settings:
+        alone = (setting.n_steps,) if setting.family == "reference" else ()
+        together.setdefault((*setting.build, *alone), []).append(setting)
+    return list(map(tuple, together.values()))
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Predicted processor time of a step of a sample on the scene's meshes, s.
+
+    Attributes
+    ----------
+    full, components, reference
+        Of the mesh, of component modes, and of what errors are measured against.
+    timed
+        Most processor time of one run that is timed, s; longer ones are timed by their first steps.
+    """
+
+    full: float
+    components: float
+    reference: float
+    timed: float
+
+    def of(self, work: Setting) -> float:
+        """Return what a step of a sample takes."""
+        if work.family in ("reference", "surface"):
+            return work.refinement * self.reference
+        if work.reduction is not None:
+            return REDUCED_SAMPLE + REDUCED_ENTRY * work.reduction.modes**2
+        return work.refinement * (self.components if work.family == "components" else self.full)
+
+
+@dataclass
+class Dealer:
+    """Deals tasks to ranks, round after round; a build that a rank has done stays with it.
+
+    Attributes
+    ----------
+    n_ranks
+        Number of ranks.
+    prices
+        What steps take.
+    batch, repeats
+        Samples timed together, and how often.
+    n_coordinates
+        Rigid coordinates, along each of which a setting has its angles.
+    """
+
+    n_ranks: int
+    prices: Prices
+    batch: int
+    repeats: int
+    n_coordinates: int = 1
+    _loads: list[float] = field(init=False)
+    _builds: dict[tuple, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._loads = [0.0] * self.n_ranks
+
+    def deal(self, tasks: Sequence[Task]) -> list[list[Task]]:
+        """Return the tasks of every rank, in the order in which they are to be done."""
+        dealt: list[list[Task]] = [[] for _ in range(self.n_ranks)]
+        for task in sorted(tasks, key=self.seconds, reverse=True):
+            rank = min(range(self.n_ranks), key=self._loads.__getitem__)
+            if task[0].family != "reference":
+                rank = self._builds.setdefault(task[0].build, rank)
+            self._loads[rank] += self.seconds(task)
+            dealt[rank].append(task)
+        return dealt
+
+    def seconds(self, task: Task) -> float:
+        """Estimate how long a task takes, its share of the times included."""
+        first = task[0]
+        angles = first.reduction.angles**self.n_coordinates if first.reduction else 0
+        build = 0.0 if first.family == "reference" else MODEL + ANGLE * angles
+        return build + sum(map(self._run, task))
+
+    def _run(self, work: Setting) -> float:
+        step = self.prices.of(work)
+        history = work.n_steps * (HISTORY_STEP + N_VALUES * step)
+        if work.family == "reference":
+            return history
+        if work.family == "surface":
+            return history * work.nodes / N_VALUES
+        timed = work.n_steps * (2 * STEP + self.batch * step)
+        return history + self.repeats * min(timed, 2 * self.prices.timed)

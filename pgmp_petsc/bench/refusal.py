@@ -8,11 +8,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from pgmp_petsc.bench.bench import Bench
+from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
+from pgmp_petsc.bench.errors import Ledger, Trial
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.effects import OverTime
-from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.training import sets_in_at_once, stops_of
-from pgmp_petsc.selection.trial import Ledger, Trial
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause

@@ -9,9 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.ladder import (
+from pgmp_petsc.bench.bench import Bench
+from pgmp_petsc.bench.candidates import (
     ANGLES,
     FIRST_ANGLES,
     SCHEMES,
@@ -22,8 +21,9 @@ from pgmp_petsc.selection.ladder import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
-from pgmp_petsc.selection.trial import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.errors import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
+from pgmp_petsc.runtime.errors import InputError, RunError
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")

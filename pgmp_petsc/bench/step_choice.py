@@ -1,4 +1,4 @@
-"""The step for a tolerance, from runs of the full-order model under the training loads, and of the reduced one.
+"""The step for a tolerance: of a full-order and a reduced model under the training loads, or of a run to come.
 
 The time step that a tolerance allows, from runs with steps that are halved.
 
@@ -23,15 +23,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from pgmp_petsc.bench.bench import Bench, step_price
+from pgmp_petsc.bench.cases import Training
+from pgmp_petsc.bench.errors import STEP, Errors, Ledger, Trial
+from pgmp_petsc.bench.finished import Price
+from pgmp_petsc.bench.reference import Reference, period_of
+from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.scene import Scene
-from pgmp_petsc.selection.refusal import ZERO, refuse
-from pgmp_petsc.selection.training import Training
-from pgmp_petsc.selection.trial import STEP, Errors, Ledger, Trial
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.spanning_values import spanning_values
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 
 AHEAD = 8
 SEEN = 16  # 64 steps a period of the first flexible mode: ten times its frequency is not damped within some periods
@@ -148,7 +159,7 @@ def first_steps(duration: float, period: float) -> tuple[int, int]:
     return coarsest, first
 
 
-def step_of(duration: float, n_steps: int) -> float:
+def rounded_step(duration: float, n_steps: int) -> float:
     """Return a step of three digits (s) that makes n_steps steps or a little more."""
     step = duration / n_steps
     digits = 10.0 ** (np.floor(np.log10(step)) - 2)
@@ -161,21 +172,6 @@ UNKNOWN_PER_PERIOD = 64  # that a reduction is looked at with where the step is 
 # coordinates of the two models: a reduction is looked at with smaller steps then, where it is a sixteenth. With a step
 # that is given, the two models have to agree: that is where they will be compared.
 FINER_THAN_CHOSEN = 4
-
-
-class Runs(Protocol):
-    """Where the runs come from: `bench.Bench`, or the runs of one model."""
-
-    scene: Scene
-    outputs: tuple[str, ...]
-    training: Training
-    most_steps: float  # of a run that is affordable
-
-    def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
-        """Return how far runs with two numbers of steps are apart."""
-
-    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
-        """Return how far runs of a candidate are apart."""
 
 
 class StepChoice:
@@ -193,7 +189,7 @@ class StepChoice:
         Whose runs these are, for messages.
     """
 
-    def __init__(self, bench: Runs, ledger: Ledger, period: float, model: str = "full") -> None:
+    def __init__(self, bench: Bench, ledger: Ledger, period: float, model: str = "full") -> None:
         self._bench, self._ledger, self._model = bench, ledger, model
         simulation = bench.scene.simulation
         self.tolerance = simulation.tolerance
@@ -247,7 +243,7 @@ class StepChoice:
     @property
     def step(self) -> float:
         """The chosen step, s."""
-        return step_of(self._duration, self.n_steps)
+        return rounded_step(self._duration, self.n_steps)
 
     def begin(self) -> None:
         """Check a given step, or look for one as far as that is quick."""
@@ -368,5 +364,53 @@ class StepChoice:
             refuse("simulation.tolerance", self.tolerance, part, self.allowed, self._ledger, hints)
 
     def _note(self, n_steps: int, errors: Errors, model: str = "") -> None:
-        step = self._bench.scene.simulation.step if self.kept else step_of(self._duration, n_steps)
+        step = self._bench.scene.simulation.step if self.kept else rounded_step(self._duration, n_steps)
         self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
+
+
+def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+    """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
+
+    The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the
+    training values of its parameters. Without a tolerance the model is returned as it is, and nothing is to be said. A
+    step that the scene gives is kept.
+
+    Raises
+    ------
+    InputError
+        If no step, or not the given one, keeps the tolerance.
+    """
+    simulation = model.scene.simulation
+    if simulation.tolerance is None:
+        return model, ""
+    if not model.scene.outputs:
+        raise InputError(
+            "simulation.tolerance: errors are those of outputs, and the scene has none; name some in [outputs]"
+        )
+    values, n_samples = {name: np.array([value]) for name, value in model.scene.values.items()}, 1
+    if ensemble:
+        values, n_samples = spanning_values(model.scene)
+    period, ledger, per_step = period_of(model, comm), Ledger(), step_price(model)
+    reference = Reference(model, Price(per_step, 0.0), "", {})
+    step = StepChoice(
+        Bench(reference, Training.of_own_loads(model.scene, values, n_samples), comm), ledger, period, model.name
+    )
+    fewest = (1 + AHEAD) * step.n_given if step.kept else 2 * SEEN * first_steps(simulation.duration, period)[1]
+    price, limit = Price(per_step, float(fewest * n_samples)), model.scene.reference
+    if limit.model == "auto" and price.seconds > limit.budget:
+        raise InputError(
+            f"simulation.tolerance = {simulation.tolerance:g}: to find the step, the {model.title} model has to run "
+            f"{price.steps:.2g} steps, which are predicted to take {price} of processor time; reference.budget = "
+            f"{limit.budget:g} s: raise it, name reference.model to run them at their price, or give simulation.step "
+            "and leave simulation.tolerance out"
+        )
+    step.begin()
+    step.finish({})
+    entries = simulation.model_dump() | {"tolerance": None, "step": simulation.step if step.kept else step.step}
+    settled = model.with_loads(model.scene.model_copy(update={"simulation": Simulation(**entries)}))
+    tolerance = f"simulation.tolerance = {simulation.tolerance:g}"
+    if step.kept:
+        best = ledger.best("step")
+        given = f"simulation.step = {simulation.step:g}"
+        return settled, f"{tolerance}: {given} is kept as given; it leaves {best.largest:.2g}"
+    return settled, f"{tolerance}: simulation.step = {step.step:g} was chosen; {ledger.reasons['simulation.step']}"

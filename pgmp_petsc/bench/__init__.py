@@ -1,0 +1,11 @@
+"""The test bench: settings of models run at cases of a scene, their errors and times, and what is chosen by these.
+
+In comes a scene with its meshes (`reference.Subject`). A `cases.Case` is the scene under some loads with the values of
+some samples, a `cases.Setting` a model with a step; `bench.Bench` runs settings at cases, dealt over ranks, and takes
+up what an earlier run of the program has finished (`finished`). There is one error (`history.errors_between`), one cost
+(`bench.Bench.seconds`), and one reference that says how far it may be off itself (`reference`).
+
+Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates`, `reduction_choice` and
+`step_choice`; `refusal` says what stands in the way), and what accuracy costs in time (`tradeoff`, from the settings of
+`sweep`, with `advice`). Begin with `cases` and `bench`.
+"""

@@ -1,0 +1,1 @@
+"""Cross-sections of beams: each class is a section, with its entries, coefficients and outermost fibres."""

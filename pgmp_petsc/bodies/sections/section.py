@@ -1,0 +1,104 @@
+"""Sectional stiffness and inertia of beams, affine in the parameters.
+
+In the plane a section bends about its third axis; in space (y_2 along the second axis)
+
+    E A, k_2 G A, k_3 G A, G J, E I_2, E I_3;    rho A, rho I_2, rho I_3;    I_2 = int y_3^2 dA,  I_3 = int y_2^2 dA.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.sections import SectionEntry, Spans
+from pgmp_petsc.scene.spanning_values import outermost_values
+
+RARE = 1e-6  # share of samples beyond values that sections are made for
+
+
+@dataclass(frozen=True)
+class BeamSection:
+    """Coefficients of beams.
+
+    Attributes
+    ----------
+    stiffness
+        (EA, k_s GA, EI), in space (EA, GA_2, GA_3, GJ, EI_2, EI_3), N and N m^2.
+    mass
+        (rho A, rho I), in space (rho A, rho I_2, rho I_3), kg/m and kg m.
+    """
+
+    stiffness: tuple[AffineSum, ...]
+    mass: tuple[AffineSum, ...]
+
+    @classmethod
+    def of(cls, scene: Scene, body: str) -> BeamSection:
+        """Return the coefficients of a body of beams of a scene."""
+        entry = scene.bodies[body]
+        material = None if entry.material is None else scene.materials[entry.material]
+        spans = partial(outermost_values, scene, RARE)
+        return entry.section.coefficients(entry.dimension, material, scene.nominal, spans)
+
+    @property
+    def axial(self) -> AffineSum:
+        """E A, N."""
+        return self.stiffness[0]
+
+    @property
+    def bending(self) -> tuple[AffineSum, ...]:
+        """E I, in space E I_2 and E I_3, N m^2."""
+        return self.stiffness[4:] if len(self.stiffness) == 6 else self.stiffness[2:]
+
+    def lever(self, nominal: Mapping[str, float]) -> float:
+        """Return ``(I_3 - I_2) / (I_2 + I_3)`` of a section in space at nominal values: how unlike both are."""
+        about_2, about_3 = (float(part.at(nominal)) for part in self.mass[1:])
+        return (about_3 - about_2) / (about_2 + about_3)
+
+    def terms(self, kind: str) -> dict[Monomial, tuple[float, ...]]:
+        """Return the coefficients of ``"mass"`` or ``"stiffness"`` by monomial, zeros where one has it not."""
+        sums = [dict(part.terms) for part in getattr(self, kind)]
+        return {monomial: tuple(part.get(monomial, 0.0) for part in sums) for monomial in dict.fromkeys(_in(sums))}
+
+
+def _in(sums: list[dict[Monomial, float]]) -> list[Monomial]:
+    return [monomial for part in sums for monomial in part]
+
+
+class ShapedSection(SectionEntry):
+    """A section of a material, by its shape."""
+
+    def area(self) -> AffineSum:
+        """Return the area, m^2."""
+        raise NotImplementedError
+
+    def inertia(self) -> tuple[AffineSum, AffineSum]:
+        """Return I_2 and I_3, m^4."""
+        raise NotImplementedError
+
+    def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
+        """Return k_2 A and k_3 A, m^2."""
+        raise NotImplementedError
+
+    def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
+        """Return the torsion constant J, m^4."""
+        raise NotImplementedError
+
+    def coefficients(self, dimension: int, material: Any, nominal: Mapping[str, float], spans: Spans) -> BeamSection:
+        """Derive the coefficients from the shape; see `SectionEntry.coefficients`."""
+        young, density = Quantity.of(material.E), Quantity.of(material.rho)
+        half_shear, area, inertia = young * (0.5 / (1.0 + material.nu)), self.area(), self.inertia()
+        sheared = self.sheared(material.nu, nominal, spans)
+        if dimension == 2:
+            return BeamSection(
+                (area * young, sheared[0] * half_shear, inertia[1] * young), (area * density, inertia[1] * density)
+            )
+        stiffness = area, *sheared, self.torsion(nominal, spans), *inertia
+        moduli = young, half_shear, half_shear, half_shear, young, young
+        return BeamSection(
+            tuple(part * modulus for part, modulus in zip(stiffness, moduli)),
+            tuple(part * density for part in (area, *inertia)),
+        )

@@ -1,0 +1,145 @@
+"""Solid sections: circle and rectangle.
+
+Circle of radius r: ``A = pi r^2``, ``I = pi r^4 / 4``, shear factor ``6 (1 + nu) / (7 + 6 nu)``; rectangle of
+width b and height h (h in the plane of motion): ``A = b h``, ``I = b h^3 / 12``, shear factor
+``10 (1 + nu) / (12 + 11 nu)`` (Cowper 1966).
+
+The torsion constant is ``pi r^4 / 2`` of a circle. That of a rectangle with the longer side a and the shorter side b is
+(Timoshenko and Goodier 1951, art. 94)
+
+    J = k a b^3,    k(x) = 1/3 (1 - 192 / pi^5 x sum_odd tanh(n pi / (2 x)) / n^5),    x = b / a,
+
+which is one term where the ratio of the sides is fixed. Where it changes with parameters, k is that of the polynomial
+``1/3 (1 - 0.63 x (1 - x^4 / 12))``, scaled to be exact at the nominal values: three terms, 0.5 % off at most while the
+side that is shorter at the nominal values stays the shorter one. Where values of the parameters exchange both,
+
+    J = a^2 b^2 g(x),    g(x) = g(1/x) = sum_k c_k x^k,
+
+which is smooth, with c fitted over all ratios that the parameters have: three to nine terms, as few as are `NEAR` it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pgmp_petsc.bodies.affine import AffineSum, Quantity
+from pgmp_petsc.bodies.sections.section import ShapedSection
+from pgmp_petsc.scene.fields import PositiveOrParameter, Unit
+from pgmp_petsc.scene.sections import Spans
+
+NEAR = 3e-3  # of a torsion constant: how far a fit may be off it
+NEARLY_SQUARE = 0.8  # ratio of sides from which on they may exchange
+MOST_TERMS = 9
+WIDEST = 8.0  # ratio of sides up to which one fit is made on both sides of the square
+
+
+class Circle(ShapedSection):
+    """A solid circular cross-section."""
+
+    round = True
+    sizes = ("radius", "radius")
+    shape: Literal["circle"]
+    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(description="radius (m), a number or a parameter's name")
+
+    @property
+    def reach(self) -> tuple[Quantity, Quantity]:
+        """See `SectionEntry.reach`."""
+        return (Quantity.of(self.radius),) * 2
+
+    def area(self) -> AffineSum:
+        """See `ShapedSection`."""
+        return math.pi * AffineSum.of(self.radius) ** 2
+
+    def inertia(self) -> tuple[AffineSum, AffineSum]:
+        """See `ShapedSection`."""
+        return (math.pi / 4 * AffineSum.of(self.radius) ** 4,) * 2
+
+    def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
+        """See `ShapedSection`."""
+        return (6 * (1 + nu) / (7 + 6 * nu) * self.area(),) * 2
+
+    def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
+        """See `ShapedSection`."""
+        return 2.0 * self.inertia()[0]
+
+
+class Rectangle(ShapedSection):
+    """A solid rectangular cross-section."""
+
+    sizes = ("height", "width")
+    proportional = ("width",)
+    shape: Literal["rectangle"]
+    width: Annotated[PositiveOrParameter, Unit("m")] = Field(
+        description="size across the plane of motion (m), in space along the third axis; or a parameter's name"
+    )
+    height: Annotated[PositiveOrParameter, Unit("m")] = Field(
+        description="size in the plane of motion (m), in space along `orientation`; or a parameter's name"
+    )
+
+    @property
+    def reach(self) -> tuple[Quantity, Quantity]:
+        """See `SectionEntry.reach`."""
+        return 0.5 * Quantity.of(self.height), 0.5 * Quantity.of(self.width)
+
+    def area(self) -> AffineSum:
+        """See `ShapedSection`."""
+        return AffineSum.of(self.width) * AffineSum.of(self.height)
+
+    def inertia(self) -> tuple[AffineSum, AffineSum]:
+        """See `ShapedSection`."""
+        width, height = AffineSum.of(self.width), AffineSum.of(self.height)
+        return height * width**3 * (1 / 12), width * height**3 * (1 / 12)
+
+    def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
+        """See `ShapedSection`."""
+        return (10 * (1 + nu) / (12 + 11 * nu) * self.area(),) * 2
+
+    def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
+        """See the module."""
+        sides = Quantity.of(self.width), Quantity.of(self.height)
+        short, long = sorted(sides, key=lambda side: float(side.at(nominal)))
+        ratio = float(short.at(nominal) / long.at(nominal))
+        exact = float(_square_share(ratio))
+        if short.monomial == long.monomial:
+            return AffineSum.total(exact / ratio * long * short**3)
+        # of values at which each side is as short, or as long, as it gets
+        found = spans()
+        ends = [{name: found.get(name, (value, value))[end] for name, value in nominal.items()} for end in (0, 1)]
+        least, most = ([float(side.at(values)) for side in (short, long)] for values in ends)
+        largest = most[0] / max(least[1], most[0] / WIDEST)
+        if largest > NEARLY_SQUARE:
+            smallest = max(least[0] / most[1], 1.0 / WIDEST)
+            return _fitted(short, long, np.geomspace(min(smallest, ratio), largest, 200), ratio)
+        factor = exact / ratio / (1.0 - 0.63 * ratio * (1.0 - ratio**4 / 12.0))
+        return AffineSum.total(
+            factor * long * short**3, -0.63 * factor * short**4, 0.0525 * factor * short**8 * long**-4
+        )
+
+
+def _fitted(short: Quantity, long: Quantity, ratios: np.ndarray, nominal: float) -> AffineSum:
+    """Return a torsion constant over ratios (n,) of its sides on both sides of 1, exact at `nominal`."""
+    exact = _square_share(ratios)
+    for n in range(3, MOST_TERMS + 1, 2):
+        fits = []
+        for powers in np.arange(2 - n, n)[:, None] + np.arange(n) - n // 2:  # rows around the square, or to one side
+            rows = ratios[:, None] ** powers.astype(float)
+            found = np.linalg.lstsq(rows / exact[:, None], np.ones(ratios.size), rcond=None)[0]
+            found *= _square_share(nominal) / (found @ nominal ** powers.astype(float))
+            fits.append((float(np.max(np.abs(rows @ found / exact - 1.0))), found, powers))
+        error, found, powers = min(fits, key=lambda fit: fit[0])
+        if error < NEAR:
+            break
+    return AffineSum.total(*(float(c) * short ** int(2 + k) * long ** int(2 - k) for c, k in zip(found, powers)))
+
+
+def _square_share(ratio: np.ndarray | float) -> np.ndarray:
+    """Return ``J / (a b)^2`` of rectangles with ratios of their sides, one of which is as good as its inverse."""
+    ratio = np.asarray(ratio, dtype=float)
+    x, n = np.minimum(ratio, 1.0 / ratio), np.arange(1, 200, 2)
+    series = np.sum(np.tanh(n * math.pi / (2.0 * x[..., None])) / n**5, axis=-1)
+    return x / 3.0 * (1.0 - 192.0 / math.pi**5 * x * series)

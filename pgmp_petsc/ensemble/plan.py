@@ -1,0 +1,239 @@
+"""The plan of an ensemble: its samples, which of them are checked, and the pieces that they are dealt out in.
+
+A piece is neighbouring samples that one rank, or a group, integrates together. Most samples cost least in large
+batches, but the last pieces decide how long ranks wait for each other: pieces get smaller as fewer samples are left
+(guided self-scheduling, Polychronopoulos and Kuck 1987). Samples whose errors are estimated are in pieces of their own,
+which are dealt out first, as few as there are ranks: an estimate takes ten times as long as a run, and a piece costs as
+much as fifteen samples before there is any in it. A sample's numbers depend on none of this.
+
+Which samples are checked is chosen by their numbers, the same on any ranks. Where the scene gives no share, it is
+`SHARE`, or less where estimates would take more than `PRICE` of the time of the runs. This price is counted, not
+measured: an estimate has a run with smaller steps, and evaluations at two sets of instants with the unknowns of beams,
+each with its neighbours, and of condensed bodies, each with all others of its body; a run has its steps with the
+reduced coordinates. A sample with lengths of its own is alone in the lanes of its estimate, and its mechanism is placed
+anew at every angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.indicator.coverage import is_estimated
+from pgmp_petsc.indicator.schedule import FINER, most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
+from pgmp_petsc.runtime.errors import Remark
+from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
+
+SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
+MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
+LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """Samples that a file gives: values (N,) by parameter, the identity of its content, and what is said of it."""
+
+    path: Path
+    values: dict[str, np.ndarray]
+    identity: str
+    remarks: tuple[Remark, ...] = ()
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of `count` parts of an ensemble, numbered from 1, which are runs of their own."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How many samples, from which seed or file, where the result goes, whether to take up a checkpoint, and which part
+    of the samples is wanted where it is not all of them. `is_limited` is false where nobody asked for a number of
+    samples, and `n_samples` is one that no run comes to."""
+
+    n_samples: int
+    seed: int
+    output: Path = Path()
+    resume: bool = False
+    file: SampleFile | None = None
+    shard: Shard | None = None
+    is_limited: bool = True
+
+    @property
+    def samples(self) -> tuple[int, int]:
+        """First of the samples that are wanted, and the one behind the last."""
+        if self.shard is None:
+            return 0, self.n_samples
+        return tuple(self.n_samples * k // self.shard.count for k in (self.shard.number - 1, self.shard.number))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,).
+
+    ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided,
+    ``unstable_start`` whether it began on an unstable static equilibrium. The reduced
+    model adds the largest estimated errors of the outputs, those at the end, and the validity of small deformations,
+    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for, as are
+    ``extremes`` of the outputs over time and ``first_passages`` of events; ``bands`` are outputs at some instants, each
+    (n, n_t).
+    """
+
+    first: int
+    parameters: dict[str, np.ndarray]
+    outputs: dict[str, np.ndarray]
+    status: np.ndarray
+    failure_time: np.ndarray
+    numerics: dict[str, np.ndarray] = field(default_factory=dict)
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
+    errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
+    validity: dict[str, np.ndarray] = field(default_factory=dict)
+    balance: dict[str, np.ndarray] = field(default_factory=dict)
+    extremes: dict[str, np.ndarray] = field(default_factory=dict)
+    first_passages: dict[str, np.ndarray] = field(default_factory=dict)
+    bands: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+PERIOD = 10_000
+SHARE = 0.02
+PRICE = 0.25
+OF_STEP, OF_PLACE = 0.09, 200.0  # us of one core: a reduced coordinate in a step, a body that is placed
+FEWEST = 1_000  # samples of which a share is taken, where there are less: already a small ensemble has some
+
+
+def share_of(model: Model) -> float:
+    """Return the share of a model's samples that are checked."""
+    if not is_estimated(model.scene):
+        return 0.0
+    given = model.scene.ensemble.checked_share
+    if not isinstance(model, REDUCED):  # a fifth of the price of a run
+        return SHARE if given is None else given
+    return min(SHARE, PRICE / price_of(model)) if given is None else given
+
+
+def price_of(model: ReducedModel | LengthLanes) -> float:
+    """Return about how many runs of a sample cost as much as an estimate of its errors."""
+    mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
+    n_steps = count_steps(simulation.duration, simulation.step)
+    sets = schedules(n_steps, simulation.duration, most_evaluations(mechanism))[:2]  # by these most samples are settled
+    evaluations = sum(one.steps.size for one in sets)
+    estimate = evaluations * price_of_evaluation(mechanism)
+    if isinstance(model, LengthLanes):
+        estimate = LANES * estimate + OF_PLACE * model.n_places
+    return FINER + estimate / (n_steps * OF_STEP * (tables.n_coordinates + tables.n_modes))
+
+
+def block_of(scene: Scene, model: str) -> int:
+    """Return in what numbers the samples of a model are checked where they are more than one.
+
+    Two samples side by side cost nearly as much as a block of lanes, which also tells of deviations. A share that the
+    scene gives is kept; other models, and those of any lengths, check one after the other.
+    """
+    is_given = scene.ensemble.checked_share is not None
+    return 1 if is_given or model != ReducedModel.name or length_names(scene) else LANES
+
+
+def checked(share: float, n_samples: int, block: int = 1) -> list[tuple[int, int]]:
+    """Return the ranges (first, last) of the samples 0 to n_samples - 1 that are checked, last - 1 the last of each.
+
+    The first ``share`` of every ten thousand, in whole blocks (`block_of`) where that is more than one. As samples are
+    independent, these are as good as any others.
+    """
+    found = []
+    for first in range(0, n_samples if share > 0.0 else 0, PERIOD):
+        together = min(max(n_samples - first, FEWEST), PERIOD)
+        n = max(1, round(share * together))
+        found.append((first, min(first + (n if n == 1 else -(-n // block) * block), n_samples)))
+    return found
+
+
+SHARES = 2  # pieces that a rank would have of what is left, if all were equal
+LEAST = 32
+LEAST_CHECKED, MOST_CHECKED = 8, 128
+
+Ranges = Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Samples first to last - 1, whether it is their errors that are estimated, and then whether the samples themselves
+    are wanted too, or are there already."""
+
+    first: int
+    last: int
+    is_checked: bool = False
+    is_both: bool = False
+
+    @property
+    def parts(self) -> tuple[Piece, ...]:
+        """The parts it has: samples, their errors, or both."""
+        if not self.is_both:
+            return (self,)
+        return Piece(self.first, self.last, True), Piece(self.first, self.last)
+
+
+def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> list[Piece]:
+    """Return the pieces of an ensemble, or of what is left of it, in the order in which they are dealt out.
+
+    Parameters
+    ----------
+    samples, to_check
+        Ranges (first, last) of the samples to be integrated, and of those whose errors are to be estimated.
+    n_groups
+        Number of ranks, or of groups of ranks that share a sample.
+    largest
+        Most samples of a piece.
+    """
+    a_rank = -(-sum(last - first for first, last in to_check) // n_groups)
+    even = min(max(_whole_lanes(a_rank), LEAST_CHECKED), MOST_CHECKED, largest)
+    both = [ends for wanted in to_check for ends in within(samples, *wanted)]
+    found = [Piece(*ends, True, True) for ends in _cut(both, n_groups, even, even)]
+    found += [Piece(*ends, True) for ends in _cut(missing(to_check, both), n_groups, even, even)]
+    others = missing(samples, both)
+    return found + [Piece(*ends) for ends in _cut(others, n_groups, min(LEAST, largest), largest)]
+
+
+def _cut(ranges: Ranges, n_groups: int, least: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield parts of ranges, shrinking with what is left."""
+    left = sum(last - first for first, last in ranges)
+    for first, last in ranges:
+        while first < last:
+            share = _whole_lanes(-(-left // (SHARES * n_groups)))
+            size = min(max(share, least), most, last - first)
+            yield first, first + size
+            first, left = first + size, left - size
+
+
+def _whole_lanes(n: int) -> int:
+    """Return a number of samples that fills lanes, at least n."""
+    return -(-n // LANES) * LANES
+
+
+def within(ranges: Ranges, first: int, last: int) -> list[tuple[int, int]]:
+    """Return what of some ranges lies between two numbers, first to last - 1."""
+    cut = [(max(begin, first), min(end, last)) for begin, end in ranges]
+    return [(begin, end) for begin, end in cut if begin < end]
+
+
+def missing(wanted: Ranges, there: Ranges) -> list[tuple[int, int]]:
+    """Return what of some ranges is not there; both are sorted and do not overlap."""
+    found = []
+    for first, last in wanted:
+        for begin, end in there:
+            if begin < last and first < end:
+                found.append((first, begin))
+                first = end
+        found.append((first, last))
+    return [(first, last) for first, last in found if first < last]

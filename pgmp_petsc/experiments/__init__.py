@@ -1,1 +1,0 @@
-"""Runs that errors and prices are measured with: histories, the reference, its price."""

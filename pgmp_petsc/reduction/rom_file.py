@@ -1,0 +1,535 @@
+"""The file of a reduced-order model, declared: what `rom` writes and reads, an array a line.
+
+Records of the model's parts, each with `of`, which makes it of a part, and a method that gives the part back. Tables
+have the n configurations along their first axis, for several coordinates with the last one fastest; ``/lengths`` has
+such a model for each point of a grid of lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.floating import FloatingBody
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.declare.records import Record, Result, array, attribute, leaves, run_record
+from pgmp_petsc.mechanism.continuation import PoseBranch
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.reduction.tables import fine_grid
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.runtime.files import RunRecord
+
+AMPLITUDES = "amplitudes in the floating frame"
+UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
+POSES = "m of positions, rad of angles, 1 of directors"
+NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
+CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
+WEIGHT_FREE = "SI, weight taken out"
+WEIGHTS = (
+    lambda weights: tuple(str(weight) for weight in weights),
+    lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
+)
+Weights = tuple[Monomial, ...]
+Terms = dict[Monomial, np.ndarray]
+
+
+def _weights(table: str, size: str, **how: Any) -> Any:
+    """Declare the monomials of the terms of a table; ``also``: of the tables beside it."""
+    also = tuple(f"{other}@weights" for other in how.pop("also", ()))
+    about = "monomial of parameters that each term is multiplied with"
+    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=about, **how)
+
+
+def _own(*sizes: str, about: str, **how: Any) -> Any:
+    """Declare a table of a body, a matrix for each weight, and its weights."""
+    return array(*sizes, unit=WEIGHT_FREE, about=about, **how)
+
+
+def _stacked(terms: Mapping[Monomial, np.ndarray], *shape: int) -> tuple[np.ndarray, Weights]:
+    return np.array(list(terms.values())).reshape(len(terms), *shape), tuple(terms)
+
+
+def _terms(table: np.ndarray, weights: Weights) -> Terms:
+    return dict(zip(weights, table))
+
+
+@dataclass(frozen=True)
+class BranchFile(Record):
+    """The assembly branch of a mechanism over a grid, whose last coordinate runs fastest."""
+
+    lower: np.ndarray = attribute("@lower", "coordinate", about="first value of each coordinate, rad")
+    upper: np.ndarray = attribute("@upper", "coordinate", about="last value of each coordinate, rad")
+    shape: np.ndarray = attribute("@shape", "coordinate", about="number of values of each, at equal distances")
+    is_exact: bool = attribute("@is_exact", about="whether interpolated poses close the mechanism")
+    n_redundant: int = attribute("@n_redundant", about="constraints that follow from the others")
+    poses: np.ndarray = array("place", "body", "pose", unit=POSES, about="poses of the undeformed bodies")
+    rates: np.ndarray = array(
+        "place", "body", "pose", "coordinate", unit=f"{POSES}; per rad", about="their derivatives with theta"
+    )
+    curvatures: np.ndarray = array(
+        "place", "body", "pose", "coordinate", "coordinate", unit=f"{POSES}; per rad^2",
+        about="their second derivatives",
+    )  # fmt: skip
+    winding: np.ndarray = array("coordinate", "body", about="turns of bodies in a turn of a coordinate")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.shape.dtype.kind not in "iu" or np.any(self.shape < 2) or np.prod(self.shape) != len(self.poses):
+            raise ValueError(f"kinematics has {len(self.poses)} poses on a grid of {self.shape.tolist()}")
+        if not np.isfinite([self.lower, self.upper]).all():
+            raise ValueError("kinematics: its range is not finite")
+
+    @classmethod
+    def of(cls, branch: PoseBranch) -> Self:
+        """Return a branch as a file has it."""
+        lower, upper, shape = (np.array([one(axis) for axis in branch.axes]) for one in (np.min, np.max, np.size))
+        tables = (branch.poses, branch.rates, branch.curvatures, branch.winding)
+        return cls(lower, upper, shape, branch.is_exact, branch.n_redundant, *tables)
+
+    @property
+    def branch(self) -> PoseBranch:
+        """The branch."""
+        axes = tuple(np.linspace(lower, upper, n) for lower, upper, n in zip(self.lower, self.upper, self.shape))
+        tables = (self.poses, self.rates, self.curvatures, self.winding)
+        return PoseBranch(axes, *tables, self.is_exact, self.n_redundant)
+
+
+@dataclass(frozen=True)
+class RecoveryFile(Record):
+    """The mesh of a condensed body, and its nodes' displacements per unit of the body's unknowns."""
+
+    kind: str = attribute("@kind", about="meshio's name of the cells")
+    answered: bool = attribute("@answered", about="whether the shapes answer the body's own inertia forces")
+    nodes: np.ndarray = array("node", "dimension", unit="m", about="coordinates in the body's frame")
+    cells: np.ndarray = array("cell", "corner", about="nodes of the cells")
+    shapes: np.ndarray = array(
+        "displacement of a node", "own unknown", unit="m, 1", about=f"displacements per unit of {UNKNOWNS}"
+    )
+    group_names: tuple[str, ...] = attribute("groups@names", "group", about="names of the groups of faces")
+    groups: dict[str, np.ndarray] = array("...", about="nodes of the faces", ordered=True)
+    region_names: tuple[str, ...] = attribute("regions@names", "region", about="names of the regions")
+    regions: dict[str, np.ndarray] = array("...", about="numbers of the cells", ordered=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        n_nodes, wanted = len(self.nodes), self.nodes.size
+        if len(self.shapes) != wanted or self.cells.size and not 0 <= self.cells.min() <= self.cells.max() < n_nodes:
+            raise ValueError(f"recovery has shapes {self.shapes.shape}, not of {wanted} rows, or cells beyond its nodes")
+        if any(one.ndim != 2 for one in self.groups.values()) or any(one.ndim != 1 for one in self.regions.values()):
+            raise ValueError("recovery: faces of groups have two axes, cells of regions one")
+
+    @classmethod
+    def of(cls, recovery: Recovery) -> Self:
+        """Return it as a file has it."""
+        mesh = recovery.carrier
+        numbered = ({f"of_{k}": part for k, part in enumerate(one.values())} for one in (mesh.groups, mesh.regions))
+        groups, regions = numbered
+        return cls(
+            mesh.kind, recovery.answered, mesh.nodes, mesh.cells, recovery.shapes, tuple(mesh.groups), groups,
+            tuple(mesh.regions), regions,
+        )  # fmt: skip
+
+    @property
+    def recovery(self) -> Recovery:
+        """Its origin."""
+        groups = {name: self.groups[f"of_{k}"] for k, name in enumerate(self.group_names)}
+        regions = {name: self.regions[f"of_{k}"] for k, name in enumerate(self.region_names)}
+        mesh = SolidMesh(self.kind, self.nodes, self.cells, groups=groups, regions=regions)
+        return Recovery(mesh, self.shapes, self.answered)
+
+
+@dataclass(frozen=True)
+class FloatingFile(Record):
+    """A condensed body in a floating frame, besides its frames."""
+
+    parts: np.ndarray = array(
+        "own unknown", "own unknown", unit="m, 1",
+        about=f"motion of the frame, then {AMPLITUDES}, of a unit of each unknown: {UNKNOWNS}",
+    )  # fmt: skip
+    shapes: np.ndarray = array(
+        "frame", "component", "amplitude", unit="m, 1", about=f"displacements and rotations of the frames: {AMPLITUDES}"
+    )
+    bent: np.ndarray = array(
+        "frame", "dimension", "amplitude", "amplitude", unit="m",
+        about=f"second derivatives of the frames' displacements: {AMPLITUDES}",
+    )  # fmt: skip
+    stiffness: np.ndarray = _own("term of stiffness in the frame", "amplitude", "amplitude", about=AMPLITUDES)
+    stiffness_weights: Weights = _weights("stiffness", "term of stiffness in the frame")
+    moments: np.ndarray = _own(
+        "term of moments", "field", "field", about="1, coordinates, then the shapes' first components, second ones ..."
+    )
+    moments_weights: Weights = _weights("moments", "term of moments")
+    curved: np.ndarray = _own(
+        "term of curved", "dimension", "dimension", "amplitude", "amplitude",
+        about=f"coordinates, components of second order: {AMPLITUDES}",
+    )  # fmt: skip
+    curved_weights: Weights = _weights("curved", "term of curved")
+
+    @classmethod
+    def of(cls, floating: FloatingBody) -> Self:
+        """Return it as a file has it."""
+        d, n = floating.centres.shape[1], floating.n
+        m = 1 + d + d * n
+        return cls(
+            floating.parts, floating.shapes, floating.bent, *_stacked(floating.stiffness, n, n),
+            *_stacked(floating.moments, m, m), *_stacked(floating.curved, d, d, n, n),
+        )  # fmt: skip
+
+    def floating(self, component: Component) -> FloatingBody:
+        """Return the floating body of a component."""
+        kept = component.recovery
+        if kept is not None:
+            kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(self.parts)[:, -self.shapes.shape[2] :])
+        return FloatingBody(
+            frames=component.frames,
+            centres=component.centres,
+            shapes=self.shapes,
+            moments=_terms(self.moments, self.moments_weights),
+            stiffness=_terms(self.stiffness, self.stiffness_weights),
+            bent=self.bent,
+            curved=_terms(self.curved, self.curved_weights),
+            recovery=kept,
+            parts=self.parts,
+        )
+
+
+@dataclass(frozen=True)
+class LargeFile(Record):
+    """Terms of a condensed body of second order in its unknowns; in checkpoints of builds alone."""
+
+    slenderness: float = attribute("@slenderness")
+    third: np.ndarray = array("term of third", "own unknown", "own unknown", "own unknown")
+    third_weights: Weights = attribute("third@weights", "term of third", code=WEIGHTS)
+    stretching: np.ndarray = array("term of stretching", "own unknown", "own unknown")
+    stretching_weights: Weights = attribute("stretching@weights", "term of stretching", code=WEIGHTS)
+
+
+@dataclass(frozen=True)
+class ComponentFile(Record):
+    """A condensed body; what has no meaning here is in checkpoints of builds alone."""
+
+    centres: np.ndarray = array("frame", "dimension", unit="m", about="of the frames, in the body's frame")
+    mass: np.ndarray = _own("term of mass", "own unknown", "own unknown", about=f"mass of {UNKNOWNS}")
+    mass_weights: Weights = _weights("mass", "term of mass")
+    stiffness: np.ndarray = _own("term of stiffness", "own unknown", "own unknown", about=f"stiffness of {UNKNOWNS}")
+    stiffness_weights: Weights = _weights("stiffness", "term of stiffness")
+    fields: np.ndarray = array(
+        "own unknown", "linear field", unit="m, 1", about=f"unknowns of the linear displacement fields: {UNKNOWNS}"
+    )
+    probes: np.ndarray = array("own unknown", "probe", unit="SI", about=f"what tells modes apart: {UNKNOWNS}")
+    n_mesh_dofs: int = attribute("@n_mesh_dofs", about="unknowns of the mesh")
+    error: float = attribute("@error", about="estimated relative error of what the interface answers")
+    centre_of_mass: np.ndarray | None = array(
+        "dimension", unit="m", about="of a rigid body, in its frame", absent=None
+    )
+    recovery: RecoveryFile | None = array(absent=None)
+    floating: FloatingFile | None = array(absent=None)
+    moments: np.ndarray | None = array(
+        "term of moments", "dimension", "dimension", "own unknown", "own unknown", absent=None
+    )
+    moments_weights: Weights | None = attribute("moments@weights", "term of moments", code=WEIGHTS, absent=None)
+    foreshortening: np.ndarray | None = array("elastic mode", "elastic mode", "elastic mode", absent=None)
+    large: LargeFile | None = array(absent=None)
+
+    @classmethod
+    def of(cls, component: Component) -> Self:
+        """Return a component as files of models have it."""
+        n, floating, recovery = component.n, component.floating, component.recovery
+        return cls(
+            component.centres, *_stacked(component.mass, n, n), *_stacked(component.stiffness, n, n), component.fields,
+            component.probes, component.n_mesh_dofs, component.error, component.centre_of_mass,
+            None if recovery is None else RecoveryFile.of(recovery),
+            None if floating is None else FloatingFile.of(floating),
+        )  # fmt: skip
+
+    @classmethod
+    def unfinished(cls, component: Component) -> Self:
+        """Return a component as checkpoints have it: with what is of second order, not yet in a floating frame."""
+        d, n, large = component.centres.shape[1], component.n, component.large
+        moments, weights = _stacked(component.moments, d, d, n, n)
+        if large is not None:
+            third, stretching = _stacked(large.third, n, n, n), _stacked(large.stretching, n, n)
+            large = LargeFile(large.slenderness, *third, *stretching)
+        return replace(
+            cls.of(replace(component, floating=None)), moments=moments, moments_weights=weights,
+            foreshortening=component.foreshortening, large=large,
+        )  # fmt: skip
+
+    def component(self, frames: dict[str, int]) -> Component:
+        """Return the component with some frames."""
+        large = self.large
+        if large is not None:
+            from pgmp_petsc.bodies.large_deformation import LargeDeformation  # builds alone have it
+
+            third = _terms(large.third, large.third_weights)
+            large = LargeDeformation(third, _terms(large.stretching, large.stretching_weights), large.slenderness)
+        found = Component(
+            frames=frames,
+            centres=self.centres,
+            mass=_terms(self.mass, self.mass_weights),
+            stiffness=_terms(self.stiffness, self.stiffness_weights),
+            moments={} if self.moments is None else _terms(self.moments, self.moments_weights),
+            fields=self.fields,
+            probes=self.probes,
+            n_mesh_dofs=self.n_mesh_dofs,
+            error=self.error,
+            centre_of_mass=self.centre_of_mass,
+            recovery=None if self.recovery is None else self.recovery.recovery,
+            large=large,
+            foreshortening=self.foreshortening,
+        )
+        if self.moments is None and not found.rigid and self.floating is None:
+            raise ValueError("'floating' of a flexible body is missing")
+        return found if self.floating is None else replace(found, floating=self.floating.floating(found))
+
+
+@dataclass(frozen=True)
+class LineFile(Record):
+    """A mesh of lines."""
+
+    nodes: np.ndarray = array("node", "dimension", unit="m", about="of a mesh of lines, in the body's frame")
+    cells: np.ndarray = array("line", 2, about="nodes of the elements")
+
+
+@dataclass(frozen=True)
+class BodyFile(Record):
+    """Source of a body: its line mesh, or the condensed body."""
+
+    points: tuple[str, ...] = attribute("@point_names", "point", about="names of points, or frames")
+    numbers: np.ndarray = attribute("@point_nodes", "point", about="their nodes, or numbers")
+    line: LineFile | None = array(at="", absent=None)
+    component: ComponentFile | None = array(at="", absent=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.line is None and self.component is None:
+            raise ValueError("'nodes' or 'centres' of a body is missing")
+
+    @classmethod
+    def of(cls, shape: LineMesh | Component) -> Self:
+        """Return a body's mesh, or what it is condensed to, as files of models have it."""
+        if isinstance(shape, Component):
+            return cls._named(shape.frames, component=ComponentFile.of(shape))
+        return cls._named(shape.points, line=LineFile(shape.nodes, shape.cells))
+
+    @classmethod
+    def unfinished(cls, component: Component) -> Self:
+        """Return a component as checkpoints have it."""
+        return cls._named(component.frames, component=ComponentFile.unfinished(component))
+
+    @classmethod
+    def _named(cls, points: dict[str, int], **what: Any) -> Self:
+        return cls(tuple(points), np.array(list(points.values())), **what)
+
+    @property
+    def shape(self) -> LineMesh | Component:
+        """The mesh, or the component."""
+        points = {name: int(number) for name, number in zip(self.points, self.numbers)}
+        if self.component is not None:
+            return self.component.component(points)
+        return LineMesh(self.line.nodes, self.line.cells, points)
+
+
+@dataclass(frozen=True)
+class SecondOrderFile(Record):
+    """Tables of second order in the flexible coordinates, and of the change of modes."""
+
+    cubic: np.ndarray = array(
+        "configuration", "stiffness term", "mode", "mode", "mode", unit=WEIGHT_FREE,
+        about="third derivative of the strain energy along the curved modes",
+    )  # fmt: skip
+    curved_load: np.ndarray = array("configuration", "load term", "mode", "mode", unit=WEIGHT_FREE, about="f_j.chi")
+    curved_inertia: np.ndarray = array(
+        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta_k d theta_l)^T M_i chi, k >= l",
+    )  # fmt: skip
+    gyroscopic: np.ndarray = array(
+        "configuration", "mass term", "coordinate", "mode", "mode", unit=WEIGHT_FREE,
+        about="skew part of D_k^T M_i Psi",
+    )  # fmt: skip
+    spread: np.ndarray = array(
+        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
+        about="D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k",
+    )  # fmt: skip
+    mass_weights: Weights = _weights("curved_inertia", "mass term", also=("gyroscopic", "spread"))
+    stiffness_weights: Weights = _weights("cubic", "stiffness term")
+    load_weights: Weights = _weights("curved_load", "load term")
+
+
+@dataclass(frozen=True)
+class StiffnessChangesFile(Record):
+    """How loads change the stiffness of the modes."""
+
+    influence: np.ndarray = array(
+        "configuration", "mode of the order", "load", unit="SI", gaps=True,
+        about="change of the modes' stiffness by unit loads and motions",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "mode of the order", unit=WEIGHT_FREE, gaps=True,
+        about="psi_k.K_i psi_k of the modes",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MissedFile(Record):
+    """Forces in bodies that the basis misses away from the nominal parameters."""
+
+    forces: np.ndarray = array(
+        "configuration", "term of forces", "vector", "vector", unit=WEIGHT_FREE,
+        about="[d rho/d theta, Psi]^T L_i, L the loads answered",
+    )  # fmt: skip
+    weights: Weights = _weights("forces", "term of forces")
+    answers: np.ndarray = array(
+        "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
+    )
+    dofs: np.ndarray = array(
+        "unknown of stresses", at="unknowns", about="numbers of the unknowns among those of the projection"
+    )
+
+
+@dataclass(frozen=True)
+class PointsFile(Record):
+    """Parameter points whose modes the basis takes up."""
+
+    n_vectors: int = attribute("@n_vectors", about="vectors that the basis takes from them")
+    missed: np.ndarray = array(
+        "basis", gaps=True, about="share of the energy missed at the worst parameters tried: at first, with each point more"
+    )
+    values: dict[str, np.ndarray] = array("point", unit="SI", about="value of '{name}' at every point", ordered=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(Record):
+    """All of a reduced model but where it comes from and the models of other lengths."""
+
+    n_redundant: int = attribute("@n_redundant", about="redundant constraints that were dropped")
+    indefinite: str = attribute(
+        "@indefinite", absent="", about="where interpolated mass or stiffness is indefinite, empty where nowhere"
+    )
+    theta: np.ndarray = array("configuration", "coordinate?", unit="rad", about="sampled configurations")
+    lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range, rad")
+    upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end, rad; of a revolution no sample")
+    periodic: np.ndarray = attribute("theta@periodic", "coordinate?", about="whether it is periodic")
+    shape: np.ndarray | None = attribute(
+        "theta@shape", "coordinate?", absent=None, about="of several: samples along each, the last one fastest"
+    )
+    mass: np.ndarray = array(
+        "configuration", "mass term", "eta", "eta", at="tables/mass", unit=WEIGHT_FREE, about="Psi^T M_i Psi, eq. (13)"
+    )
+    inertia: np.ndarray = array(
+        "configuration", "mass term", "coordinate", "coordinate", "mode", at="tables/inertia", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta2)^T M_i Psi",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "mode", "mode", at="tables/stiffness", unit=WEIGHT_FREE,
+        about="Psi^T K_i Psi, eq. (14)",
+    )  # fmt: skip
+    load: np.ndarray = array(
+        "configuration", "load term", "eta", at="tables/load", unit=WEIGHT_FREE, about="Psi^T f_j"
+    )
+    rigid: np.ndarray = array(
+        "fine configuration", "mass term", "pair of coordinates", at="tables/rigid", unit=WEIGHT_FREE,
+        about="(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l, theta on a fine grid",
+    )  # fmt: skip
+    mass_weights: Weights = _weights("tables/mass", "mass term", also=("tables/inertia", "tables/rigid"))
+    stiffness_weights: Weights = _weights("tables/stiffness", "stiffness term")
+    load_weights: Weights = _weights("tables/load", "load term")
+    load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
+    second_order: SecondOrderFile | None = array(at="tables/second_order", absent=None)
+    kinematics: BranchFile = array()
+    projection: np.ndarray = array(
+        "configuration", "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames"
+    )
+    curvature: np.ndarray | None = array(
+        "configuration", "unknown", "pair of modes", unit=CURVATURE_UNITS, absent=None,
+        about="their second derivatives chi, pairs of modes i >= j, each once",
+    )  # fmt: skip
+    frequencies_hz: np.ndarray = array(
+        "sample", "frequency", unit="Hz", about="full-order, nominal parameters", gaps=True
+    )
+    stiffness_changes: StiffnessChangesFile | None = array(absent=None)
+    missed: MissedFile | None = array(absent=None)
+    parameter_points: PointsFile | None = array(absent=None)
+    cosines: np.ndarray = array(
+        "sample", about="cosine between neighbouring spaces of modes, 1 = the same space", gaps=True
+    )
+    mesh: dict[str, BodyFile] = array(ordered=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        r, m = self.inertia.shape[-2:]
+        sizes = {
+            "tables/mass": (self.mass.shape[-1], r + m),
+            "tables/rigid": (self.rigid.shape, (fine_grid(self.samples).n, self.rigid.shape[1], r * (r + 1) // 2)),
+        }
+        if self.second_order is not None:
+            pairs = m * (m + 1) // 2
+            sizes["tables/second_order/curved_inertia"] = (self.second_order.curved_inertia.shape[2], r * (r + 1) // 2)
+            if self.curvature is None:
+                raise ValueError("dataset '/curvature' is missing")
+            sizes["curvature"] = (self.curvature.shape[-1], pairs)
+        if self.missed is not None:
+            (_, n_terms, q, _), n_stiffness = self.missed.forces.shape, self.stiffness.shape[1]
+            sizes["missed/answers"] = (self.missed.answers.shape[1], n_terms * q + n_stiffness * m)
+            sizes["missed/forces"] = (q, max(q, m))
+        for name, (found, wanted) in sizes.items():
+            if found != wanted:
+                raise ValueError(f"{name} has shape {found}; needed: {wanted}")
+
+    def check_finite(self) -> None:
+        """Raise `ValueError` where a number is missing or not finite that may not be."""
+        for leaf in leaves(self):
+            is_array = isinstance(leaf.value, np.ndarray) and leaf.value.dtype.kind == "f"
+            if is_array and not leaf.one.entry.gaps and not np.isfinite(leaf.value).all():
+                raise ValueError(f"{leaf.place} holds numbers that are not finite")
+
+    @property
+    def samples(self) -> SampleGrid:
+        """The sampled configurations."""
+        shape = tuple(np.atleast_1d(len(self.theta) if self.shape is None else self.shape))
+        places = self.theta.reshape(*shape, len(shape))
+        lines = (np.moveaxis(places[..., k], k, 0).reshape(n, -1)[:, 0] for k, n in enumerate(shape))
+        ranges = (np.atleast_1d(one) for one in (self.lower, self.upper, self.periodic))
+        return SampleGrid(
+            tuple(Samples(line, float(low), float(high), bool(turns)) for line, low, high, turns in zip(lines, *ranges))
+        )
+
+    @staticmethod
+    def of_samples(samples: SampleGrid) -> dict[str, Any]:
+        """Return the fields of sampled configurations."""
+        ends = {name: np.array([getattr(axis, name) for axis in samples]) for name in ("lower", "upper", "periodic")}
+        found = {"theta": samples.theta, **ends, "shape": np.array(samples.shape)}
+        return found if samples.n_coordinates > 1 else {k: v[..., 0] for k, v in found.items()} | {"shape": None}
+
+
+@dataclass(frozen=True)
+class LengthsFile(Record):
+    """Models at the points of a grid of lengths."""
+
+    names: tuple[str, ...] = attribute("@parameters", "parameter", about="parameters that are lengths or places")
+    lower: np.ndarray = attribute("@lower", "parameter", about="smallest value of each, m")
+    upper: np.ndarray = attribute("@upper", "parameter", about="largest value of each, m")
+    n_points: int = attribute("@n_points", about="points along each")
+    values: np.ndarray = array("model", "parameter", unit="m", about="lengths of every model")
+    checked: np.ndarray = array("parameter", at="check/values", unit="m", about="lengths of the model compared with")
+    frequencies: float = attribute("check@frequencies", about="largest difference of its frequencies, a share")
+    inertia: float = attribute("check@inertia", about="largest difference of its rigid inertia, a share")
+    members: dict[str, ModelFile] = array(
+        at="", names=lambda _, taken: (str(k) for k in range(taken["n_points"] ** len(taken["names"]))),
+        unit="", about="the model of each point, as the file's own",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class RomFile(ModelFile, Result):
+    """A reduced model's file."""
+
+    kind = "rom"
+    lengths: LengthsFile | None = array(absent=None)
+    record: RunRecord = run_record()

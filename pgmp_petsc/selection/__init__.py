@@ -1,1 +1,0 @@
-"""Knobs from tolerances: which basis, angles, interpolation and step keep the errors that a scene allows."""
