@@ -132,6 +132,10 @@ FEATURES = {
     "rotation": ('outputs.x={{type="rotation",point="{last}:tip"}}',),
     "distance": ('outputs.x={{type="distance",points=["ground:origin","{last}:tip"]}}',),
     "displacement": ('outputs.x={{type="displacement",point="{last}:tip",axis="y"}}',),
+    "speed": (
+        'outputs.x={{type="speed",point="{last}:tip",axis="y"}}',
+        'outputs.y={{type="speed",joint="{drive}"}}',
+    ),  # fmt: skip
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": (
         'outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
