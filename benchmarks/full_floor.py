@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies import beam2d
-from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.full_systems import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose

@@ -22,7 +22,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.progress import Silent
 from pgmp_petsc.studies.inputs import read_rom
-from pgmp_petsc.studies.reduced_record import ReducedRecord
+from pgmp_petsc.studies.records import ReducedRecord
 
 
 def run(rom: Path, n: int) -> None:

@@ -28,7 +28,7 @@ from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.runtime.timings import Timings

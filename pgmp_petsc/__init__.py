@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 _CLASSES = {
     "Scene": "scene",
     "Shard": "ensemble.plan",
-    "Correction": "api.better",
+    "Correction": "api.requests",
     "Stopping": "api.requests",
     "Robust": "api.designs",
     "Result": "api.result",

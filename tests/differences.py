@@ -8,7 +8,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 
@@ -25,9 +25,9 @@ class ToRoundOff:
         self._system = system
 
     def __getattr__(self, name: str) -> Any:
-        if name == "advance":
-            raise AttributeError(name)
         return getattr(self._system, name)
+
+    steps_at_once, advance, take_steps = 1, SecondOrderSystem.advance, SecondOrderSystem.take_steps
 
     def correct(self, *arguments: Any) -> np.ndarray:
         """Correct a state, always with a new matrix."""

@@ -18,7 +18,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.balance import balance_of
 

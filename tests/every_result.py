@@ -17,13 +17,11 @@ import numpy as np
 import synthetic
 
 from pgmp_petsc.results import Attempt, Balance, EffectSizes, EstimatedErrors, Selection
-from pgmp_petsc.results.corrected import Corrected, Figure, Joined
-from pgmp_petsc.results.derivatives import Instants
-from pgmp_petsc.results.designs import DesignConstraint
-from pgmp_petsc.results.effect_sizes import EffectSize
-from pgmp_petsc.results.errors import OF_STEP, VALIDITY
-from pgmp_petsc.results.rare_event import MostLikely
-from pgmp_petsc.results.stopping import Stopping
+from pgmp_petsc.results.ensemble import Corrected, Figure, Joined, Stopping
+from pgmp_petsc.results.estimates import OF_STEP, VALIDITY
+from pgmp_petsc.results.gradients import DesignConstraint, Instants
+from pgmp_petsc.results.selection import EffectSize
+from pgmp_petsc.results.statistics import MostLikely
 from pgmp_petsc.runtime.errors import Remark
 
 LISTINGS = Path(__file__).parent / "listings"

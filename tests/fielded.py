@@ -9,7 +9,7 @@ import synthetic
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import BodyField
 
 
 def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> BodyField:

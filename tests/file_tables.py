@@ -10,9 +10,8 @@ from pathlib import Path
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import Row, described
 from pgmp_petsc.reduction.rom_file import RomFile
-from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.readers import READERS
-from pgmp_petsc.results.shard import ShardSamples
+from pgmp_petsc.results import READERS, EffectSizes, Selection
+from pgmp_petsc.results.ensemble import ShardSamples
 from pgmp_petsc.runtime.claims import KINDS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"

@@ -25,13 +25,17 @@ from pgmp_petsc.results import (
     Tradeoff,
     Trajectory,
 )
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
-from pgmp_petsc.results.designs import DesignConstraint, DesignParameter
-from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES
-from pgmp_petsc.results.errors import VALIDITY
-from pgmp_petsc.results.fit import FittedOutput, FittedParameter
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.shard import Place, ShardSamples
+from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES, Place, ShardSamples
+from pgmp_petsc.results.estimates import VALIDITY
+from pgmp_petsc.results.gradients import (
+    DEVIATION,
+    PERCENT,
+    DesignConstraint,
+    DesignParameter,
+    FittedOutput,
+    FittedParameter,
+)
+from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.files import RunRecord
 
 SCENE = """

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy import stats
 
-from pgmp_petsc.figures.densities import densities
+from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import REDUCED_COLOUR, axis_unit, save, styled

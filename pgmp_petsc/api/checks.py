@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from pgmp_petsc.bodies.shape import BodyShape
-    from pgmp_petsc.components.trial import Trial
-    from pgmp_petsc.results.effect_sizes import EffectSizes
+    from pgmp_petsc.components.condensing import Trial
+    from pgmp_petsc.results.selection import EffectSizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ def check(
 
 def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
     """Draw the assembled mechanism, and return the picture's path; by one process only."""
-    from pgmp_petsc.figures.assembly import assembly  # matplotlib takes a noticeable time
+    from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
     from pgmp_petsc.figures.style import save
     from pgmp_petsc.studies.assembly import assembly_of
 
@@ -148,7 +148,7 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path) -> Path:
 
 
 def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:
-    from pgmp_petsc.components.trial import try_largest
+    from pgmp_petsc.components.condensing import try_largest
 
     return try_largest(scene, meshes, comm)
 

@@ -23,15 +23,13 @@ from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit as fitted
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import read_history
-from pgmp_petsc.studies.optimization import designed_parameters
-from pgmp_petsc.studies.optimization import optimize as designed
+from pgmp_petsc.studies.optimization import designed_parameters, optimize as designed
 from pgmp_petsc.texts.gradient_tables import report_of_design, report_of_fit
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.results.designs import Design
-    from pgmp_petsc.results.fit import Fit
+    from pgmp_petsc.results.gradients import Design, Fit
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ def _status_of_fit(found: Fit) -> int:
             "--noise", "OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3", 0.0
         ),
     ),
-    gives="With the attributes of `results.fit.Fit`; ``converged`` says whether it did.",
+    gives="With the attributes of `results.gradients.Fit`; ``converged`` says whether it did.",
 )  # fmt: skip
 def fit(
     rom: Rom | str | PathLike[str],
@@ -137,7 +135,7 @@ def _status_of_design(found: Design) -> int:
                              allowed=Range(0, LARGEST_SEED)),
         },
     ),
-    gives="With the attributes of `results.designs.Design`; ``converged`` says whether a design was found "
+    gives="With the attributes of `results.gradients.Design`; ``converged`` says whether a design was found "
     "that meets all constraints.",
 )  # fmt: skip
 def optimize(

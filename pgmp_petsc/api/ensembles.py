@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.api.arguments import Range
-from pgmp_petsc.api.better import Correction, better_models
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.keeping import Keeper, keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
-from pgmp_petsc.api.requests import Request, Stopping, drawn_by, read_budget, read_part
+from pgmp_petsc.api.requests import Correction, Request, Stopping, better_models, drawn_by, read_budget, read_part
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Origin
@@ -28,17 +27,14 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan,
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.shard import ShardSamples, read_shard
+from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
+from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
-from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
+from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble, report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -120,7 +116,7 @@ def retry_failed(
 
 
 @interface(
-    "With the attributes of `results.rare_event.RareEvent`.",
+    "With the attributes of `results.statistics.RareEvent`.",
     source=SOURCE,
     event=Argument(
         'Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
@@ -154,7 +150,7 @@ def rare_event(
         refuse_drawn(scene, origin.settings)
         event_of(event, scene)
 
-    with keeping(RARE_EVENT, comm, output, on_all_ranks, (origin.path,)) as keeper:
+    with keeping(RareEvent.kind, comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm, check, many=True)
         found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
         return keeper.result(found, origin.directory, prepared.scene.remarks)
@@ -235,7 +231,7 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
             ),
         },
     ),
-    gives="With the attributes of `results.Ensemble`, or of `results.shard.ShardSamples`. Samples that "
+    gives="With the attributes of `results.Ensemble`, or of `results.ensemble.ShardSamples`. Samples that "
     "failed are in it, with their reasons.",
 )  # fmt: skip
 def montecarlo(

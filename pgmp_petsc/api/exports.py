@@ -171,8 +171,8 @@ def _write_frames(file: Path, output: Path) -> int:
 
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
     """Write the columns of a result; return the numbers of rows and columns. By one process."""
-    from pgmp_petsc.results.readers import READERS
-    from pgmp_petsc.results.tables import columns_of, write_result
+    from pgmp_petsc.results import READERS
+    from pgmp_petsc.results.summary import columns_of, write_result
     from pgmp_petsc.runtime.files import open_file
 
     with open_file(file, KINDS) as opened:
@@ -192,7 +192,7 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
 
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
-    from pgmp_petsc.results.body_fields import GROUP, truncated
+    from pgmp_petsc.results.trajectory import GROUP, truncated
     from pgmp_petsc.runtime.files import open_file
 
     with open_file(file, "trajectory") as opened:

@@ -26,12 +26,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.report.verdict import (
-    headline_of_build,
-    headline_of_comparison,
-    headline_of_ensemble,
-    headline_of_run,
-)
+from pgmp_petsc.report.budget import headline_of_build, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, RunError

@@ -56,7 +56,7 @@ class Keeper:
         """
 
         def writing_the_result() -> None:
-            from pgmp_petsc.results.tables import write_result  # loads h5py, which without a file nobody needs
+            from pgmp_petsc.results.summary import write_result  # loads h5py, which without a file nobody needs
 
             write_result(data, self.output)
 

@@ -124,7 +124,7 @@ class Result:
     def write(self, path: str | PathLike[str]) -> Path:
         """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
 
-        A name that ends in .csv gives a table of its columns (`results.tables`), where results of its kind have some.
+        A name that ends in .csv gives a table of its columns (`results.summary`), where results of its kind have some.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class Result:
             If the system fails to write.
         """
 
-        from pgmp_petsc.results.tables import write_result
+        from pgmp_petsc.results.summary import write_result
 
         def writing_the_result() -> None:
             write_result(self.data, target)

@@ -2,13 +2,15 @@
 
 Cheap is what takes the least time for the study's number of samples, build included. Settings on refined meshes are
 left out, because their errors are against another reference. Errors are the largest at some test values: a setting
-meets an error with a margin for other draws, and with what the reference itself may be off by.
+meets an error with a margin for other draws, and with what the reference itself may be off by: its last move, and its
+distance from the mesh where it is another model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,7 +22,7 @@ NOT_KNOWN = 0.1  # share of an error by which the reference may have moved
 MARGIN = 1.25  # over the largest error at test values, for other draws: those were seen to be up to 1.14 times as large
 
 
-def advise(study: Tradeoff) -> tuple[str, ...]:
+def advise(study: Tradeoff, from_mesh: Mapping[str, float] = MappingProxyType({})) -> tuple[str, ...]:
     """Return advice for all outputs together, for each of them, and what to keep in mind.
 
     A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
@@ -29,8 +31,10 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
     ----------
     study
         Measurements; its own advice is not looked at.
+    from_mesh
+        How far the reference is from the mesh in outputs, as far as that was measured.
     """
-    targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study))
+    targets, bounds = _targets(study, study.errors), _targets(study, bounds_of(study, from_mesh))
     alike: dict[tuple[Choice, ...], list[str]] = {}
     for target, errors in bounds.items():
         alike.setdefault(_choices(study, errors), []).append(target)
@@ -44,19 +48,20 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
     return (
         *advice,
         *_break_even(study, first, errors),
-        *_margin_sentences(study),
+        *_margin_sentences(study, from_mesh),
         *_surface_sentences(study),
         *_mesh_sentences(study),
         *_reference_sentences(study),
     )
 
 
-def bounds_of(study: Tradeoff) -> np.ndarray:
+def bounds_of(study: Tradeoff, from_mesh: Mapping[str, float]) -> np.ndarray:
     """Return what errors of settings hardly exceed, shape (n, n_outputs): at other draws than the test values, and
-    with the last move of the reference, which is more than what is left of its error."""
+    with the reference's own doubt, its last move, which is more than what is left of its error, and `from_mesh`."""
     own = study.references.refinement == 1
     moved = np.nan_to_num(study.references.moved[own][0]) if own.any() else 0.0
-    return (MARGIN if study.varied else 1.0) * study.errors + moved
+    doubt = moved + np.array([from_mesh.get(name, 0.0) for name in study.outputs])
+    return (MARGIN if study.varied else 1.0) * study.errors + doubt
 
 
 def _targets(study: Tradeoff, errors: np.ndarray) -> dict[str, np.ndarray]:
@@ -65,15 +70,19 @@ def _targets(study: Tradeoff, errors: np.ndarray) -> dict[str, np.ndarray]:
     return {"every output": errors.max(axis=1), **targets} if len(targets) > 1 else targets
 
 
-def _margin_sentences(study: Tradeoff) -> list[str]:
+def _margin_sentences(study: Tradeoff, from_mesh: Mapping[str, float]) -> list[str]:
     """Say by how much errors stay below what is asked for."""
-    if not study.varied:
-        return []
-    n = len(next(iter(study.test_values.values())))
-    return [
-        f"Errors are the largest at {n} test values; a setting meets an error where {MARGIN:g} times as much does, "
-        "with the last move of the reference: other draws may be worse."
-    ]
+    sentences = []
+    if study.varied:
+        n = len(next(iter(study.test_values.values())))
+        sentences.append(
+            f"Errors are the largest at {n} test values; a setting meets an error where {MARGIN:g} times as much does, "
+            "with the last move of the reference: other draws may be worse."
+        )
+    if from_mesh:
+        apart = _joined([f"{share_text(error)} in {name}" for name, error in from_mesh.items()])
+        sentences.append(f"The reference is {apart} away from the mesh; a setting meets an error with that added.")
+    return sentences
 
 
 @dataclass(frozen=True)
@@ -113,13 +122,8 @@ def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
 
 
 def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: dict[int, str]) -> str:
-    """Return the piece of advice for a choice.
-
-    Parameters
-    ----------
-    said
-        Settings whose options were given before, with what for; is extended.
-    """
+    """Return the piece of advice for a choice; `said` has the settings whose options were given before, with what for,
+    and is extended."""
     row = choice.row
     if row is None:
         lines = [f"For {aim} no setting is good enough{_nearest(study, errors)}."]
@@ -162,13 +166,8 @@ def _price(study: Tradeoff, row: int) -> str:
 
 
 def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
-    """Say from how many samples on which setting is the cheapest one that is good enough, build included.
-
-    Parameters
-    ----------
-    target, errors
-        What errors are of, and the error of every setting, shape (n,).
-    """
+    """Say from how many samples on which setting is the cheapest one that is good enough, build included, by the errors
+    of every setting in a target, shape (n,)."""
     sentences = []
     for threshold in THRESHOLDS:
         pieces = envelope(study, errors, threshold)

@@ -41,7 +41,7 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.first_accelerations import n_first_steps
+from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -80,26 +80,13 @@ OF_HISTORY = "history."  # names of kept arrays that are parts of a history
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found out about a setting at a case; it is sent to the first rank, and kept.
+    """What was found out about a setting at a case; it is sent to the first rank, and kept."""
 
-    Attributes
-    ----------
-    history
-        Outputs; None where the setting failed, or its runs were too dear.
-    n_coordinates
-        Unknowns: reduced, nodal or component coordinates, or nodes of a surface.
-    cosine
-        Smallest cosine between neighbouring spaces of modes; 1 where there are none.
-    reason
-        Why there is no history; empty where there is one.
-    offline
-        Wall and processor time of what comes before the first sample, shape (2,), s; NaN where it failed.
-    """
-
-    history: History | None
-    n_coordinates: int = 0
-    cosine: float = 1.0
-    reason: str = ""
+    history: History | None  # outputs; None where the setting failed, or its runs were too dear
+    n_coordinates: int = 0  # unknowns: reduced, nodal or component coordinates, or nodes of a surface
+    cosine: float = 1.0  # smallest cosine between neighbouring spaces of modes; 1 where there are none
+    reason: str = ""  # why there is no history; empty where there is one
+    # wall and processor time of what comes before the first sample, shape (2,), s; NaN where it failed
     offline: tuple[float, float] = (np.nan, np.nan)
 
     @property
@@ -630,15 +617,8 @@ def _now() -> np.ndarray:
 
 
 class Shelf:
-    """Models by their reduction. The same on all ranks, which take the same models in the same order.
-
-    Parameters
-    ----------
-    build
-        Builds a model; collective.
-    most_bytes
-        That all models may have together; the latest one stays, however large.
-    """
+    """Models by their reduction. The same on all ranks, which take the same models in the same order; they may have
+    `most_bytes` together, and the latest one stays, however large."""
 
     def __init__(self, build: Callable[[Reduction], ReducedOrderModel], most_bytes: int = MOST_BYTES) -> None:
         self._build, self._most = build, most_bytes

@@ -44,28 +44,15 @@ MOST_BYTES = 2**30  # that its tables may have
 
 @dataclass(frozen=True)
 class CandidatePrices:
-    """What is common to all candidates.
+    """What is common to all candidates."""
 
-    Attributes
-    ----------
-    n_unknowns
-        Of the mechanism, bodies of cells condensed.
-    n_terms, n_coordinates
-        Affine terms, and rigid coordinates.
-    step
-        Of a sample, besides its tables, s.
-    n_steps
-        Steps of all samples and loads together.
-    angles
-        Most along each coordinate that the first candidates are built at.
-    """
-
-    n_unknowns: int
+    n_unknowns: int  # of the mechanism, bodies of cells condensed
+    # n_terms, n_coordinates: affine terms, and rigid coordinates
     n_terms: int
     n_coordinates: int
-    step: float
-    n_steps: int
-    angles: int
+    step: float  # of a sample, besides its tables, s
+    n_steps: int  # steps of all samples and loads together
+    angles: int  # most along each coordinate that the first candidates are built at
 
     @classmethod
     def of(cls, mechanism: Mechanism, limits: Limits, n_steps: int, angles: int) -> CandidatePrices:
@@ -96,13 +83,8 @@ class CandidatePrices:
         return self.seconds(rung) <= SHARE * budget and self.bytes(rung) <= MOST_BYTES
 
     def affordable(self, families: Sequence[list[Rung]], budget: float) -> tuple[list[list[Rung]], str]:
-        """Return of every family the rungs that are not too dear, the cheapest in any case, and what is left out.
-
-        Parameters
-        ----------
-        budget
-            ``reference.budget``, s; infinite where candidates may take what they take.
-        """
+        """Return of every family the rungs that are not too dear for a budget, s, the cheapest in any case, and what is
+        left out."""
         kept, dear = [], []
         for family in families:
             fine = [rung for rung in family if self.within(rung, budget)]
@@ -147,41 +129,22 @@ SCHEMES = {1: ("spectral", "spline"), 2: ("spline",)}
 
 @dataclass(frozen=True)
 class Limits:
-    """What a scene allows.
+    """What a scene allows."""
 
-    Attributes
-    ----------
-    n_modes
-        Flexible modes that the mechanism has, bodies of cells condensed.
-    n_static
-        Load patterns that static modes can answer.
-    n_terms
-        Affine terms of mass and stiffness together.
-    uncertain
-        Whether a parameter has a distribution.
-    n_coordinates, n_inertia
-        Rigid coordinates, and the inertia forces of their motion.
-    second_order
-        Whether a reduced model of the scene may have terms of second order, or be without them.
-    n_condensed
-        Modes that bodies of cells are condensed for; other vectors come on top of them. None where it is the meshes
-        that end the modes.
-    slender
-        Whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too.
-    refinable
-        Whether meshes can be cut into finer ones and run as the reference: those of lines.
-    """
-
-    n_modes: int
-    n_static: int
-    n_terms: int
-    uncertain: bool = False
+    n_modes: int  # flexible modes that the mechanism has, bodies of cells condensed
+    n_static: int  # load patterns that static modes can answer
+    n_terms: int  # affine terms of mass and stiffness together
+    uncertain: bool = False  # whether a parameter has a distribution
+    # n_coordinates, n_inertia: rigid coordinates, and the inertia forces of their motion
     n_coordinates: int = 1
     n_inertia: int = 1
-    second_order: bool = True
+    second_order: bool = True  # whether a reduced model of the scene may have terms of second order, or be without them
+    # modes that bodies of cells are condensed for; other vectors come on top of them. None where it is the meshes that
+    # end the modes
     n_condensed: int | None = None
+    # whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too
     slender: bool = True
-    refinable: bool = True
+    refinable: bool = True  # whether meshes can be cut into finer ones and run as the reference: those of lines
 
     def most_modes(self, beside: int) -> int:
         """Return the most modes that a basis may have beside other vectors."""
@@ -197,15 +160,7 @@ class Limits:
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, n_condensed: int = MODES[-1]) -> Limits:
-        """Count.
-
-        Parameters
-        ----------
-        kinematics
-            Of beams and condensed bodies.
-        n_condensed
-            Modes that these are condensed for.
-        """
+        """Count, with the kinematics of beams and of bodies that are condensed for so many modes."""
         mechanism, coordinates = kinematics.mechanism, kinematics.coordinates
         pose = kinematics.poses(start_of_coordinates(scene, kinematics)[None])[..., 0]
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
@@ -226,33 +181,16 @@ class Limits:
 
 @dataclass(frozen=True)
 class Rung:
-    """A candidate basis.
+    """A candidate basis."""
 
-    Attributes
-    ----------
-    entries
-        Entries of the table ``reduction``.
-    n_flexible
-        Flexible coordinates.
-    cost
-        Multiplications a sample and Newton correction, roughly; see `operations`.
-    """
-
-    entries: dict[str, Any]
-    n_flexible: int
-    cost: float
+    entries: dict[str, Any]  # entries of the table ``reduction``
+    n_flexible: int  # flexible coordinates
+    cost: float  # multiplications a sample and Newton correction, roughly; see `operations`
 
 
 def operations(n_flexible: int, n_terms: int, second_order: bool) -> float:
-    """Return the multiplications of one correction of one sample: cubic polynomials of the tables, and factorising.
-
-    Parameters
-    ----------
-    n_flexible
-        Flexible coordinates.
-    n_terms
-        Affine terms.
-    """
+    """Return the multiplications of one correction of one sample, with so many flexible coordinates and affine terms:
+    cubic polynomials of the tables, and factorising."""
     n = n_flexible
     entries = (n + 1) * (n + 2) / 2 + n * (n + 1) / 2 + n
     if second_order:
@@ -261,15 +199,8 @@ def operations(n_flexible: int, n_terms: int, second_order: bool) -> float:
 
 
 def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
-    """Return the families, the cheapest first, rungs in the order of their cost.
-
-    Parameters
-    ----------
-    given
-        Entries of the table ``reduction`` that are kept.
-    limits
-        What the scene allows.
-    """
+    """Return the families, the cheapest first, rungs in the order of their cost; entries of the table ``reduction``
+    that are `given` are kept."""
     static = given.get("static_modes", limits.n_static > 0)
     orders = (False, True) if limits.second_order else (False,)
     orders = (given["second_order"],) if "second_order" in given else orders
@@ -322,18 +253,8 @@ def first_passing(
     """Return the first of n candidates that passes, if all after a passing one pass too; None if none was found.
 
     The search begins at `start`, gallops in the direction that the answer tells and then halves the interval.
-
-    Parameters
-    ----------
-    n
-        Number of candidates.
-    passes
-        Tells of a candidate whether it is good enough.
-    start
-        Candidate to begin with.
-    hopeless
-        Tells of a failing candidate and a later one that fails whether all between were no use; as many as `PATIENCE`
-        in a row end the search.
+    `hopeless` tells of a failing candidate and a later one that fails whether all between were no use; as many as
+    `PATIENCE` in a row end the search.
     """
     start = min(start, n - 1)
     if passes(start):

@@ -43,30 +43,14 @@ Function = Table | LoadHarmonic
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to compute the outputs of samples: a model with a step.
+    """One way to compute the outputs of samples: a model with a step."""
 
-    Attributes
-    ----------
-    family
-        ``reduced``, ``components``, ``full``, ``surface`` or, whichever model that is, ``reference``.
-    n_steps
-        Time steps over the scene's duration.
-    refinement
-        Parts that every cell of the scene's meshes is cut into.
-    nodes
-        Runs of the reference that a response surface goes through, 0 for the models.
-    component_modes
-        Modes that bodies in floating frames serve, 0 for the others.
-    reduction
-        Entries of the reduced model, None for the others.
-    """
-
-    family: str
-    n_steps: int
-    refinement: int = 1
-    nodes: int = 0
-    component_modes: int = 0
-    reduction: Reduction | None = None
+    family: str  # ``reduced``, ``components``, ``full``, ``surface`` or, whichever model that is, ``reference``
+    n_steps: int  # time steps over the scene's duration
+    refinement: int = 1  # parts that every cell of the scene's meshes is cut into
+    nodes: int = 0  # runs of the reference that a response surface goes through, 0 for the models
+    component_modes: int = 0  # modes that bodies in floating frames serve, 0 for the others
+    reduction: Reduction | None = None  # entries of the reduced model, None for the others
 
     @property
     def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
@@ -117,23 +101,12 @@ def own_steps(scene: Scene) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene under some loads, and some of its samples; known by its name.
+    """A scene under some loads, and some of its samples; known by its name."""
 
-    Attributes
-    ----------
-    name
-        Of the loads, and of what was changed.
-    load
-        Of the loads.
-    scene
-        With these loads.
-    values, n_samples
-        Of every parameter, each of shape (n_samples,), and how many samples there are.
-    """
-
-    name: str
-    load: str = field(compare=False)
-    scene: Scene = field(compare=False, repr=False)
+    name: str  # of the loads, and of what was changed
+    load: str = field(compare=False)  # of the loads
+    scene: Scene = field(compare=False, repr=False)  # with these loads
+    # values, n_samples: of every parameter, each of shape (n_samples,), and how many samples there are
     values: Mapping[str, np.ndarray] = field(compare=False, repr=False)
     n_samples: int = field(compare=False)
 
@@ -151,22 +124,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Load:
-    """The torques and forces over time of one variant.
+    """The torques and forces over time of one variant."""
 
-    Attributes
-    ----------
-    name, description
-        For messages.
-    functions
-        Table or harmonic of every torque and force, by the effect's name.
-    for_step
-        Whether the step is found with them; basis and interpolation are with all.
-    """
-
+    # name, description: for messages
     name: str
     description: str
-    functions: Mapping[str, Function]
-    for_step: bool
+    functions: Mapping[str, Function]  # table or harmonic of every torque and force, by the effect's name
+    for_step: bool  # whether the step is found with them; basis and interpolation are with all
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
         """Return the scene under these loads, times a factor; itself under its own."""
@@ -182,24 +146,12 @@ class Load:
 
 @dataclass(frozen=True)
 class Training:
-    """Training cases: every sample under every load.
+    """Training cases: every sample under every load."""
 
-    Attributes
-    ----------
-    values
-        Value of every parameter, shape (n_samples,); the first sample is the nominal one.
-    n_samples
-        One without parameters.
-    loads
-        The scene's own first.
-    remarks
-        What is not varied, and why.
-    """
-
-    values: dict[str, np.ndarray]
-    n_samples: int
-    loads: tuple[Load, ...]
-    remarks: tuple[str, ...]
+    values: dict[str, np.ndarray]  # value of every parameter, shape (n_samples,); the first sample is the nominal one
+    n_samples: int  # one without parameters
+    loads: tuple[Load, ...]  # the scene's own first
+    remarks: tuple[str, ...]  # what is not varied, and why
 
     @classmethod
     def of(cls, scene: Scene) -> Training:

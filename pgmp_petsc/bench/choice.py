@@ -61,26 +61,17 @@ if TYPE_CHECKING:
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of
+SPARE = 1.0 - REDUCTION  # of the tolerance, for what took no part in the training, and for what the reference is off
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen.
+    """What was chosen."""
 
-    Attributes
-    ----------
-    scene
-        The scene with everything given and without tolerances.
-    rom
-        The reduced model, on the first rank; None elsewhere.
-    selection
-        For the file.
-    """
-
-    scene: Scene
-    rom: ReducedOrderModel | None
-    selection: Selection
+    scene: Scene  # the scene with everything given and without tolerances
+    rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere
+    selection: Selection  # for the file
 
     def write(self, path: Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the reduced model with what was chosen, and what the parts add; by one process."""
@@ -151,7 +142,7 @@ def choose(
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
-        found = (*_step_remark(step), *_mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
+        found = (*_step_remark(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
         tolerances={
@@ -256,16 +247,22 @@ def _step_remark(step: StepChoice) -> list[str]:
     return [f"the step was found with {loads}: for loads with sharper corners, give simulation.tolerance with the run"]
 
 
-def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
-    """Say what the meshes themselves leave: no part of the tolerance."""
-    errors = bench.finer_meshes(n_steps)
+def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
+    """Say what the meshes themselves leave, no part of the tolerance, or how far the reference is from them."""
+    errors, apart = bench.finer_meshes(n_steps), bench.reference.from_mesh
+    given = (bench.scene.reduction.tolerance, bench.scene.simulation.tolerance)
+    tolerance = min(value for value in given if value is not None)
+    worst = max(apart, key=apart.__getitem__, default="")
+    if apart and apart[worst] > SPARE * tolerance:
+        return [
+            f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in {worst}, "
+            f'more than {SPARE:g} of the tolerance: against the mesh it may not hold (reference.model = "mesh")'
+        ]
     if errors is None:
         return ["what finer meshes would change is no part of the tolerance, and was not measured"]
     if not np.isfinite(errors.values).any():
         return []
     moved = ", ".join(f"{name} by {error:.2g}" for name, error in zip(bench.outputs, errors.by_output))
-    given = (bench.scene.reduction.tolerance, bench.scene.simulation.tolerance)
-    tolerance = min(value for value in given if value is not None)
     more = "; the meshes leave more than the tolerance" if errors.largest > tolerance else ""
     return [f"no part of the tolerance: cells cut in two would move {moved}{more}"]
 

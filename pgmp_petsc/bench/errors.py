@@ -18,25 +18,15 @@ from pgmp_petsc.scene.numerics import Reduction
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one kind over all training cases.
+    """Errors of one kind over all training cases."""
 
-    Attributes
-    ----------
-    values
-        Shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count.
-    round_off
-        What of it is below what counts as zero: errors as small are round-off; the same shape.
-    loads, outputs
-        Names.
-    training
-        The cases.
-    """
-
+    # shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count
     values: np.ndarray
-    round_off: np.ndarray
+    round_off: np.ndarray  # what of it is below what counts as zero: errors as small are round-off; the same shape
+    # loads, outputs: names
     loads: tuple[str, ...]
     outputs: tuple[str, ...]
-    training: Training
+    training: Training  # the cases
 
     @property
     def by_output(self) -> np.ndarray:
@@ -69,28 +59,15 @@ class Errors:
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate that was tried.
+    """A candidate that was tried."""
 
-    Attributes
-    ----------
-    reduction, n_steps
-        What it is.
-    errors
-        Against the full-order model with the same step.
-    reason
-        Why it could not be built or run; empty where it could.
-    seconds
-        Wall time of build and runs.
-    built
-        Whether it could be built.
-    """
-
+    # reduction, n_steps: what it is
     reduction: Reduction
     n_steps: int
-    errors: Errors
-    reason: str
-    seconds: float
-    built: bool
+    errors: Errors  # against the full-order model with the same step
+    reason: str  # why it could not be built or run; empty where it could
+    seconds: float  # wall time of build and runs
+    built: bool  # whether it could be built
 
     def at(self, n_steps: int) -> Setting:
         """Return it as a setting, with so many steps."""

@@ -137,18 +137,10 @@ PAIR, RIGID, LOCAL_EFFECT = 5.0e-8, 1.0e-6, 1.5e-5
 
 @dataclass(frozen=True)
 class Price:
-    """What some runs are predicted to take.
+    """What some runs are predicted to take."""
 
-    Attributes
-    ----------
-    step
-        Processor time of a step of a sample, s.
-    steps
-        Steps of all samples together.
-    """
-
-    step: float
-    steps: float
+    step: float  # processor time of a step of a sample, s
+    steps: float  # steps of all samples together
 
     @property
     def seconds(self) -> float:

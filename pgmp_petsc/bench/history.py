@@ -30,30 +30,14 @@ OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
 
 @dataclass(frozen=True)
 class History:
-    """What a run of n samples leaves.
+    """What a run of n samples leaves."""
 
-    Attributes
-    ----------
-    n_steps
-        Steps of the run.
-    every
-        Steps between two kept instants.
-    outputs
-        Shape (n_outputs, n_kept, n_samples); NaN where a sample failed.
-    status
-        Of every sample, shape (n_samples,).
-    inside
-        Samples that stayed in the range of their coordinate, shape (n_samples,).
-    failure_time
-        When samples failed, shape (n_samples,), s; NaN where they did not.
-    """
-
-    n_steps: int
-    every: int
-    outputs: np.ndarray
-    status: np.ndarray
-    inside: np.ndarray
-    failure_time: np.ndarray
+    n_steps: int  # steps of the run
+    every: int  # steps between two kept instants
+    outputs: np.ndarray  # shape (n_outputs, n_kept, n_samples); NaN where a sample failed
+    status: np.ndarray  # of every sample, shape (n_samples,)
+    inside: np.ndarray  # samples that stayed in the range of their coordinate, shape (n_samples,)
+    failure_time: np.ndarray  # when samples failed, shape (n_samples,), s; NaN where they did not
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

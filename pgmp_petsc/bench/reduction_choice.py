@@ -47,18 +47,7 @@ class MoreAngles(Enum):
 class ReductionChoice:
     """Choice of what a scene leaves open of its reduction. Collective on the bench's ranks.
 
-    Parameters
-    ----------
-    bench
-        Where candidates are tried.
-    ledger
-        Takes what was tried.
-    limits
-        What the scene allows.
-    n_steps
-        Steps of all runs.
-    others
-        What the other parts of the error may be, for messages.
+    The ledger takes what was tried; all runs have `n_steps`, and `others` are what the other parts of the error may be.
     """
 
     def __init__(self, bench: Bench, ledger: Ledger, limits: Limits, n_steps: int, others: dict[str, float]) -> None:

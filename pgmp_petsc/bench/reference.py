@@ -54,27 +54,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Subject:
-    """A scene and its bodies.
+    """A scene and its bodies."""
 
-    Attributes
-    ----------
-    scene
-        As the user gave it.
-    meshes
-        The mesh of every body.
-    shapes
-        The same, bodies of continuum cells condensed.
-    kinematics
-        Of the mechanism of `shapes`.
-    n_modes
-        Modes that bodies are condensed for.
-    """
-
-    scene: Scene
-    meshes: Mapping[str, BodyShape]
-    shapes: Mapping[str, BodyShape]
-    kinematics: RigidKinematics
-    n_modes: int
+    scene: Scene  # as the user gave it
+    meshes: Mapping[str, BodyShape]  # the mesh of every body
+    shapes: Mapping[str, BodyShape]  # the same, bodies of continuum cells condensed
+    kinematics: RigidKinematics  # of the mechanism of `shapes`
+    n_modes: int  # modes that bodies are condensed for
 
     @classmethod
     def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
@@ -110,24 +96,13 @@ MOST_POINTS = 3
 
 @dataclass(frozen=True)
 class Reference:
-    """A model to measure errors against.
+    """A model to measure errors against."""
 
-    Attributes
-    ----------
-    model
-        The full-order model on the scene's meshes, or the component model.
-    price
-        What its runs are predicted to take.
-    why
-        Which it is and why, in a sentence.
-    from_mesh
-        Largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
-        mesh itself, and where the mesh was too dear for any run.
-    """
-
-    model: FullModel
-    price: Price
-    why: str
+    model: FullModel  # the full-order model on the scene's meshes, or the component model
+    price: Price  # what its runs are predicted to take
+    why: str  # which it is and why, in a sentence
+    # largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
+    # mesh itself, and where the mesh was too dear for any run
     from_mesh: Mapping[str, float]
 
     @property
@@ -178,27 +153,13 @@ def component_model(
 
 @dataclass(frozen=True)
 class Demand:
-    """What a reference is wanted for.
+    """What a reference is wanted for."""
 
-    Attributes
-    ----------
-    entry
-        Entry of the scene, or command, that needs it.
-    steps
-        Steps of all samples and loads together.
-    cases
-        What they are of, in words.
-    cure
-        What makes it cheaper.
-    n_modes
-        Modes that the component model's bodies serve.
-    """
-
-    entry: str
-    steps: float
-    cases: str
-    cure: str
-    n_modes: int
+    entry: str  # entry of the scene, or command, that needs it
+    steps: float  # steps of all samples and loads together
+    cases: str  # what they are of, in words
+    cure: str  # what makes it cheaper
+    n_modes: int  # modes that the component model's bodies serve
 
 
 def choose_reference(
@@ -330,15 +291,8 @@ DEPENDENT = 1e-9  # of the largest singular value of the constraints: those belo
 
 
 def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
-    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`.
-
-    Parameters
-    ----------
-    comm
-        All ranks.
-    group
-        Ranks that share an eigenproblem.
-    """
+    """Return the period of meshes, beams and condensed bodies (s). Collective on `comm`; the ranks of `group` share an
+    eigenproblem."""
     frequency = 0.0
     with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
         frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])
@@ -437,40 +391,22 @@ MOST_AT_ONCE = 3  # halvings that are asked for together: a prediction by the or
 
 
 class ReferenceSequence:
-    """Runs of a reference on one mesh, with steps that are halved.
-
-    Parameters
-    ----------
-    first
-        Number of steps of the coarsest run.
-    most
-        Number of steps of the finest run that is allowed.
-    floors
-        Below which outputs count as zero, in their units, shape (n_outputs,).
-    """
+    """Runs of a reference on one mesh, with steps that are halved, from a `first` number on to the most allowed; below
+    `floors`, shape (n_outputs,), outputs count as zero."""
 
     def __init__(self, first: int, most: int, floors: np.ndarray) -> None:
         self._first, self._most, self._floors = first, max(most, 2 * first), floors
         self._runs: dict[int, History] = {}
-        self._failure = ""
+        self.failure = ""  # why it was given up
 
     def add(self, n_steps: int, run: History) -> None:
         """Take in a run; the one with twice its steps comes next."""
         self._runs[n_steps] = run
 
-    def give_up(self, reason: str) -> None:
-        """Refine no further: a finer run failed."""
-        self._failure = reason
-
     @property
     def usable(self) -> bool:
         """Whether there are two runs, so that one can tell how fine the finest is."""
         return len(self._runs) > 1
-
-    @property
-    def failure(self) -> str:
-        """Why it was given up; empty where it was not."""
-        return self._failure
 
     @property
     def n_steps(self) -> int:
@@ -488,14 +424,9 @@ class ReferenceSequence:
         return largest_errors(self._runs[self.n_steps // 2], self.history, self._floors)
 
     def wanted(self, smallest: np.ndarray) -> list[int]:
-        """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell.
-
-        Parameters
-        ----------
-        smallest
-            Smallest error of any setting in each output, shape (n_outputs,); infinite or NaN where there is none.
-        """
-        if self._failure:
+        """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell from
+        the smallest error of any setting in each output, shape (n_outputs,), infinite or NaN where there is none."""
+        if self.failure:
             return []
         if not self.usable:
             return [self._first, 2 * self._first]
@@ -511,8 +442,8 @@ class ReferenceSequence:
 
     def reason(self, smallest: np.ndarray) -> str:
         """Say why the step is not halved again."""
-        if self._failure:
-            return f"a finer run failed: {self._failure}"
+        if self.failure:
+            return f"a finer run failed: {self.failure}"
         if self.settled(smallest):
             return f"the last halving moved no output by {OF_SMALLEST:g} of its smallest error"
         return "the finest step that is allowed"

@@ -30,20 +30,9 @@ ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as 
 def refuse(
     entry: str, tolerance: float, part: str, allowed: Mapping[str, float], ledger: Ledger, hints: Sequence[str]
 ) -> NoReturn:
-    """Raise an `InputError` with the best that every part reached.
+    """Raise an `InputError` with the best that every part reached, its allowed error, and further lines.
 
-    Parameters
-    ----------
-    entry, tolerance
-        The tolerance that cannot be met.
-    part
-        What stands in the way.
-    allowed
-        Allowed error of every part.
-    ledger
-        What was tried.
-    hints
-        Further lines.
+    `part` is what stands in the way of the tolerance, which is that of an entry.
     """
     lines = [f"{entry} = {tolerance:g}: cannot be met, {PARTS[part]} stands in the way"]
     extra = {attempt.part: None for attempt in ledger.attempts if attempt.part not in allowed}
@@ -71,20 +60,8 @@ def refuse_basis(
 ) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
-    It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off.
-
-    Parameters
-    ----------
-    bench
-        Where it was tried.
-    trial
-        The best that was found.
-    tolerance, allowed, ledger
-        As for `refuse`.
-    last
-        Further lines.
-    rival
-        The largest basis that follows stretching in the other way; None where none was tried.
+    It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off. `trial` is the best
+    that was found, `rival` the largest basis that follows stretching in the other way, `last` are further lines.
     """
     entry, errors = "reduction.tolerance", trial.errors
     if not np.isfinite(errors.largest):
@@ -143,13 +120,8 @@ def refuse_basis(
 
 
 def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
-    """Return what the basis that follows stretching in the other way tells of the cause.
-
-    Parameters
-    ----------
-    half
-        What half the load leaves of the best basis's error.
-    """
+    """Return what the basis that follows stretching in the other way tells of the cause, if half the load leaves so
+    much of the best basis's error."""
     load, output, sample = rival.errors.place
     weak = bench.weakened(rival, rival.errors.loads[load], 0.5).values[0, output, sample]
     kind, causes = rival.reduction.stretching, []
@@ -201,10 +173,7 @@ def _of_own_loads(bench: Bench, trial: Trial, rival: Trial | None, allowed: floa
 def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list[str]:
     """Return what sets in at once at the start, and what spares the bodies that jolt.
 
-    Parameters
-    ----------
-    unresolved
-        What halving the step moves; a start at rest is proposed where it moves much less with that.
+    A start at rest is proposed where halving the step moves much less with that than the `unresolved` without.
     """
     scene, (load, output, sample) = bench.scene, trial.errors.place
     moving = any(state.velocity != 0.0 for state in scene.simulation.initial.values())

@@ -144,13 +144,8 @@ def fine_enough(n_steps: int, first: int) -> int:
 
 
 def first_steps(duration: float, period: float) -> tuple[int, int]:
-    """Return the steps of the coarsest run that may be chosen, and of the first one that is halved.
-
-    Parameters
-    ----------
-    duration, period
-        Of the run, and of the first flexible mode, s.
-    """
+    """Return the steps of the coarsest run that may be chosen, and of the first one that is halved, from the run's
+    duration and the period of the first flexible mode, s."""
     periods = duration / period
     coarsest = max(int(np.ceil(COARSEST_PER_PERIOD * periods)), FEWEST)
     first = coarsest
@@ -177,16 +172,8 @@ FINER_THAN_CHOSEN = 4
 class StepChoice:
     """The step of a scene: given, or as the tolerance wants it. Collective on the bench's ranks.
 
-    Parameters
-    ----------
-    bench
-        Full-order runs.
-    ledger
-        Takes what was tried.
-    period
-        Of the first flexible mode, s.
-    model
-        Whose runs these are, for messages.
+    The ledger takes what was tried; the period is that of the first flexible mode, s, and `model` says whose runs these
+    are.
     """
 
     def __init__(self, bench: Bench, ledger: Ledger, period: float, model: str = "full") -> None:
@@ -256,18 +243,8 @@ class StepChoice:
         self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
 
     def finish(self, others: Mapping[str, float]) -> None:
-        """Look further, if the step is not known; refuse a tolerance that no step keeps.
-
-        Parameters
-        ----------
-        others
-            What the other parts of the error may be, for the message.
-
-        Raises
-        ------
-        InputError
-            If the smallest step that is tried is not small enough.
-        """
+        """Look further, if the step is not known. Raises `InputError` if the smallest step that is tried is not small
+        enough, with what the other parts of the error may be."""
         if self.kept:
             return
         search = self._search

@@ -34,56 +34,26 @@ ALONG_EACH = 0.7  # power of the angles of one coordinate that are taken along e
 
 @dataclass(frozen=True)
 class Sweep:
-    """How far each line goes.
+    """How far each line goes."""
 
-    Attributes
-    ----------
-    modes, angles, schemes
-        Of the lines through the best settings: numbers of modes and of angles, schemes of interpolation.
-    parameter_modes
-        Of the line through the best setting, where a parameter is uncertain.
-    own_modes, own_angles
-        Of the lines through the scene's setting: factors on its number of modes, and angles.
-    own_others
-        Whether lines of static modes and interpolation go through the scene's setting too.
-    finer, coarser
-        Halvings and doublings of the scene's step, of the reduced and the full-order model.
-    tensor_modes
-        Of the tensor; with and without static modes, with the scene's step and the one twice as long.
-    tensor_angles
-        Of the tensor.
-    refinements
-        Parts of every cell that both models are run with.
-    finest
-        Parts of every cell of the mesh that tells the others' discretisation errors.
-    component_modes
-        Modes that the component model's bodies serve; the last one's steps are varied.
-    surfaces
-        Number of response surfaces.
-    repeats, few_repeats
-        How often times are taken: of batches, and of builds and single samples.
-    reference_halvings
-        Halvings of the scene's step that the reference may take, on the scene's meshes and on refined ones.
-    """
-
-    modes: tuple[int, ...]
+    modes: tuple[int, ...]  # of the lines through the best settings, as are angles and schemes of interpolation
     angles: tuple[int, ...]
     schemes: tuple[str, ...]
-    parameter_modes: tuple[int, ...]
-    own_modes: tuple[float, ...]
-    own_angles: tuple[int, ...]
-    own_others: bool
-    finer: int
-    coarser: int
-    tensor_modes: tuple[int, ...]
+    parameter_modes: tuple[int, ...]  # of the line through the best setting, where a parameter is uncertain
+    own_modes: tuple[float, ...]  # factors on the scene's own number, of the line through its setting
+    own_angles: tuple[int, ...]  # of that line
+    own_others: bool  # whether lines of static modes and interpolation go through the scene's setting too
+    finer: int  # halvings of the scene's step, of the reduced and the full-order model
+    coarser: int  # doublings
+    tensor_modes: tuple[int, ...]  # with and without static modes, with the scene's step and the one twice as long
     tensor_angles: int
-    refinements: tuple[int, ...]
-    finest: int
-    component_modes: tuple[int, ...]
-    surfaces: int
-    repeats: int
-    few_repeats: int
-    reference_halvings: tuple[int, int]
+    refinements: tuple[int, ...]  # parts of every cell that both models are run with
+    finest: int  # parts of every cell of the mesh that tells the others' discretisation errors
+    component_modes: tuple[int, ...]  # that the component model's bodies serve; the last one's steps are varied
+    surfaces: int  # number of response surfaces
+    repeats: int  # how often times are taken: of batches
+    few_repeats: int  # and of builds and single samples
+    reference_halvings: tuple[int, int]  # of the scene's step that the reference may take, also on refined meshes
 
     def over(self, n_coordinates: int) -> Sweep:
         """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
@@ -97,45 +67,16 @@ class Sweep:
 
 
 FULL = Sweep(
-    modes=(2, 3, 5, 7, 10, 15, 22),
-    angles=(16, 24, 32, 64, 96),
-    schemes=("overhauser", "spline", "spectral"),
-    parameter_modes=(0, 1, 2),
-    own_modes=(0.5, 1.5),
-    own_angles=(48, 96),
-    own_others=True,
-    finer=2,
-    coarser=3,
-    tensor_modes=(4, 7, 12),
-    tensor_angles=48,
-    refinements=(2, 4),
-    finest=8,
-    component_modes=(4, 10, 22),
-    surfaces=4,
-    repeats=3,
-    few_repeats=2,
-    reference_halvings=(7, 5),
-)
+    modes=(2, 3, 5, 7, 10, 15, 22), angles=(16, 24, 32, 64, 96), schemes=("overhauser", "spline", "spectral"),
+    parameter_modes=(0, 1, 2), own_modes=(0.5, 1.5), own_angles=(48, 96), own_others=True, finer=2, coarser=3,
+    tensor_modes=(4, 7, 12), tensor_angles=48, refinements=(2, 4), finest=8, component_modes=(4, 10, 22), surfaces=4,
+    repeats=3, few_repeats=2, reference_halvings=(7, 5),
+)  # fmt: skip
 QUICK = Sweep(
-    modes=(2,),
-    angles=(24,),
-    schemes=(),
-    parameter_modes=(2,),
-    own_modes=(),
-    own_angles=(),
-    own_others=False,
-    finer=0,
-    coarser=3,
-    tensor_modes=(4, 8),
-    tensor_angles=48,
-    refinements=(2,),
-    finest=4,
-    component_modes=(4, 12),
-    surfaces=3,
-    repeats=2,
-    few_repeats=1,
-    reference_halvings=(3, 3),
-)
+    modes=(2,), angles=(24,), schemes=(), parameter_modes=(2,), own_modes=(), own_angles=(), own_others=False, finer=0,
+    coarser=3, tensor_modes=(4, 8), tensor_angles=48, refinements=(2,), finest=4, component_modes=(4, 12), surfaces=3,
+    repeats=2, few_repeats=1, reference_halvings=(3, 3),
+)  # fmt: skip
 
 
 def own_setting(scene: Scene) -> Setting:
@@ -192,21 +133,10 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
 def best_settings(
     settings: Sequence[Setting], worst_errors: Sequence[float], n_coordinates: Sequence[int]
 ) -> list[Setting]:
-    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough.
+    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough; none
+    where every one failed.
 
-    Parameters
-    ----------
-    settings
-        Settings that were measured.
-    worst_errors
-        Largest error of any output; NaN where a setting failed.
-    n_coordinates
-        Number of reduced coordinates.
-
-    Returns
-    -------
-    list of Setting
-        One or two; none where every reduced setting failed.
+    Errors are the largest of any output, NaN where a setting failed; numbers of coordinates are those of reduced ones.
     """
     points = [
         (error, setting.n_steps * n**2, setting)

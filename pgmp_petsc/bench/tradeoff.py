@@ -137,7 +137,7 @@ def measure_tradeoff(
     record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
     result = study.result(record, reference.model.outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
-    return replace(result, advice=advise(result))
+    return replace(result, advice=advise(result, reference.from_mesh))
 
 
 def _of_one_mechanism(scene: Scene) -> Scene:
@@ -308,7 +308,7 @@ class _Study:
         for run in sorted(runs, key=lambda run: run.n_steps):
             sequence, measured = self._sequences[run.refinement], found[run]
             if measured.history is None:
-                sequence.give_up(measured.reason)
+                sequence.failure = measured.reason
             elif not sequence.failure:
                 sequence.add(run.n_steps, measured.history)
 
@@ -412,27 +412,20 @@ def tasks_of(settings: Sequence[Setting]) -> list[Task]:
     """Put settings with the same build together, but for runs of the reference, each of which goes to any rank."""
     together: dict[tuple, list[Setting]] = {}
     for setting in settings:
-        alone = (setting.n_steps,) if setting.family == "reference" else ()
-        together.setdefault((*setting.build, *alone), []).append(setting)
+        own = (setting.n_steps,) if setting.family == "reference" else ()
+        together.setdefault((*setting.build, *own), []).append(setting)
     return list(map(tuple, together.values()))
 
 
 @dataclass(frozen=True)
 class Prices:
-    """Predicted processor time of a step of a sample on the scene's meshes, s.
+    """Predicted processor time of a step of a sample on the scene's meshes, s."""
 
-    Attributes
-    ----------
-    full, components, reference
-        Of the mesh, of component modes, and of what errors are measured against.
-    timed
-        Most processor time of one run that is timed, s; longer ones are timed by their first steps.
-    """
-
+    # full, components, reference: of the mesh, of component modes, and of what errors are measured against
     full: float
     components: float
     reference: float
-    timed: float
+    timed: float  # most processor time of one run that is timed, s; longer ones are timed by their first steps
 
     def of(self, work: Setting) -> float:
         """Return what a step of a sample takes."""
@@ -445,25 +438,14 @@ class Prices:
 
 @dataclass
 class Dealer:
-    """Deals tasks to ranks, round after round; a build that a rank has done stays with it.
+    """Deals tasks to ranks, round after round; a build that a rank has done stays with it."""
 
-    Attributes
-    ----------
-    n_ranks
-        Number of ranks.
-    prices
-        What steps take.
-    batch, repeats
-        Samples timed together, and how often.
-    n_coordinates
-        Rigid coordinates, along each of which a setting has its angles.
-    """
-
-    n_ranks: int
-    prices: Prices
+    n_ranks: int  # number of ranks
+    prices: Prices  # what steps take
+    # batch, repeats: samples timed together, and how often
     batch: int
     repeats: int
-    n_coordinates: int = 1
+    n_coordinates: int = 1  # rigid coordinates, along each of which a setting has its angles
     _loads: list[float] = field(init=False)
     _builds: dict[tuple, int] = field(default_factory=dict)
 

@@ -26,7 +26,7 @@ from pgmp_petsc.code.statements import (
     output_in_c,
 )
 from pgmp_petsc.declare.ideas import OUTPUTS
-from pgmp_petsc.dynamics import alpha_step, edge_search, event_location, reduced_steps
+from pgmp_petsc.dynamics import alpha_step, edge_search, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_actions import nodes_of
 from pgmp_petsc.dynamics.second_order_system import Scheme
@@ -39,7 +39,7 @@ from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.served_range import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
-from pgmp_petsc.results.errors import limits_of
+from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
@@ -360,9 +360,9 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
-        "MAX_EVENTS": event_location.MAX_EVENTS,
-        "SHORTEST": event_location.SHORTEST,
-        "TIME_TOLERANCE": event_location.TIME_TOLERANCE,
+        "MAX_EVENTS": edge_search.MAX_EVENTS,
+        "SHORTEST": edge_search.SHORTEST,
+        "TIME_TOLERANCE": edge_search.TIME_TOLERANCE,
         "MAX_TRIALS": edge_search.MAX_TRIALS,
         "LONGEST": alpha_step.LONGEST,
         "ROUND_OFF": alpha_step.ROUND_OFF,

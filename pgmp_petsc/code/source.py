@@ -14,13 +14,14 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.code.constants import Along, Constants
 from pgmp_petsc.code.statements import ActionInC, Output, Side, StatementInC
 from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.mechanism.statements import CODE, KINDS
 from pgmp_petsc.runtime.claims import check_output, locked
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
 PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
-COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS), "main.c")
+COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part != "statements"), "main.c")
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
 PER_LINE = 6
 
@@ -29,6 +30,7 @@ def sources_of(constants: Constants) -> dict[str, str]:
     """Return the text of every file of a model in C by its name."""
     return {
         **{name: read_common(name) for name in COMMON},
+        "statements.c": f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n{CODE.C}',
         "sizes.h": _sizes(constants),
         "tables.c": _tables(constants),
     }
@@ -71,6 +73,8 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
 
 def _sizes(constants: Constants) -> str:
     lines = [f"#define {name} {_number(value)}" for name, value in constants.settings.items()]
+    lengths = " || ".join(f"(kind) == {kind.name}" for kind in KINDS if kind.unit == "m")
+    lines += [f"enum {{ {', '.join(kind.name for kind in KINDS)} }};", f"#define IS_LENGTH(kind) ({lengths})"]
     return HEAD + "#ifndef PGMP_SIZES_H\n#define PGMP_SIZES_H\n\n" + "\n".join(lines) + "\n\n#endif\n"
 
 

@@ -30,6 +30,11 @@ with V the body's frames and internal coordinates at s = 1, T_0 the part of a mo
 along the axis alone, T_1 the rest: a mode shape y of one section then is nearly one of the others. Exactly constant are
 the frames and the linear displacement fields C, those across the axis being s C_1 on the mesh: ``T(s) C = C - C_1 + s
 C_1``. ``T^T M T`` and ``T^T K T`` are affine again, with two powers more, and everything else is as without a scale.
+
+Condensed bodies in floating frames: moments, a stiffness and the shapes at the frames, from the condensed matrices.
+
+With the linear displacement fields of a condensed body in its unknowns y, the scalar fields 1 and X_k are components of
+displacements ``T y`` as all others are, so that its moments ``int rho u_i v_j dV`` are all that inertia needs.
 """
 
 from __future__ import annotations
@@ -46,11 +51,11 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.inertia_moments import linear_fields
+from pgmp_petsc.bodies.floating import FloatingBody, second_moments
+from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.components.block_lanczos import Operator, Subspace
-from pgmp_petsc.components.body_problem import BodyProblem, Terms, petsc_terms
+from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.runtime.timings import Timings
@@ -58,7 +63,6 @@ from pgmp_petsc.runtime.timings import Timings
 if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
-
 
 TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mode shapes its root
 MAX_ROUNDS = 24  # for one value of lambda; close to others, as of stocky bodies, answers take a dozen
@@ -440,3 +444,67 @@ class SectionCoordinates:
     def at(self, values: Mapping[str, float]) -> np.ndarray:
         """Return T."""
         return self.constant + self.factor.at(values) * self.linear
+
+
+def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
+
+    It follows its foreshortening where that is known.
+    """
+    d, modes = component.centres.shape[1], elastic_modes(component, nominal)
+    rigid = component.fields @ rigid_motions(np.zeros(d))
+    n_frames, n = len(component.frames), modes.shape[1]
+    stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
+    shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
+    bent, curved = np.zeros((n_frames, d, n, n)), {}
+    if component.foreshortening is not None:
+        bent, curved = foreshortened(component.foreshortening, shapes, moments)
+    kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
+    return FloatingBody(
+        component.frames,
+        component.centres,
+        shapes,
+        moments,
+        stiffness,
+        bent,
+        curved,
+        kept,
+        np.linalg.inv(np.hstack([rigid, modes])),
+    )
+
+
+def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndarray:
+    """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
+    m2, shape (n, n - n_rigid)."""
+    mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
+    along = component.fields[:, 0]  # the unit displacement along x
+    return np.sqrt(along @ mass @ along) * free_modes(mass, stiffness, component.centres.shape[1])
+
+
+def foreshortened(
+    curvature: np.ndarray, shapes: np.ndarray, moments: Mapping[Monomial, np.ndarray]
+) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+    """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`."""
+    d = {3: 2, 6: 3}[shapes.shape[1]]
+    curved = {
+        weight: np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature) for weight, part in moments.items()
+    }
+    return np.einsum("fkm,mij->fkij", shapes[:, :d], curvature), curved
+
+
+def _moments_of(component: Component, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the moments of 1, of the coordinates and of modes (n, n_modes) of a condensed body; see `FloatingBody`."""
+    d, (n, n_modes) = component.centres.shape[1], modes.shape
+    # scalar fields as components of displacements: 1 and X_k along the first axis, every mode along all of them
+    fields = np.zeros((1 + d + d * n_modes, d, n))
+    fields[0, 0] = component.fields[:, 0]
+    fields[1 : 1 + d, 0] = component.fields[:, d : 2 * d].T
+    for k in range(d):
+        fields[1 + d + k * n_modes : 1 + d + (k + 1) * n_modes, k] = modes.T
+    flat = fields.reshape(len(fields), d * n)
+    return {w: flat @ part.swapaxes(1, 2).reshape(d * n, d * n) @ flat.T for w, part in component.moments.items()}
+
+
+def free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarray:
+    """Return the elastic free modes in given coordinates, M-orthonormal, shape (n, n - n_rigid)."""
+    return eigh(stiffness, mass)[1][:, d * (d + 1) // 2 :]

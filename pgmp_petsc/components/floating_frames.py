@@ -25,9 +25,14 @@ from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
+from pgmp_petsc.components.component_modes import (
+    condense,
+    foreshortened,
+    free_modes,
+    in_floating_frame,
+    weighted_sum_dense,
+)
 from pgmp_petsc.components.condensing import check_slender, serving_points
-from pgmp_petsc.components.floating_component import foreshortened, free_modes, in_floating_frame
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.installed import alone
@@ -147,7 +152,7 @@ def _energy_of_beams(
     forces = modes.T @ ThirdDerivative([body], everywhere).weighted(modes, (rows, columns), values)
     third[:, rows, columns] = third[:, columns, rows] = forces
     whole = assemble([body], everywhere).stiffness
-    stiffness = sum(float(weight.evaluate(values)) * matrix for weight, matrix in whole.items())
+    stiffness = weighted_sum_dense(whole, values)
     stretching = axial_stiffness([body], everywhere, values)
     return third, modes.T @ (stiffness @ modes), modes.T @ (stretching @ modes)
 

@@ -34,8 +34,7 @@ from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, stretching_of
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.components.component_modes import own_nodes, weighted_sum_dense
-from pgmp_petsc.components.floating_component import elastic_modes
+from pgmp_petsc.components.component_modes import elastic_modes, own_nodes, weighted_sum_dense
 
 if TYPE_CHECKING:
     from mpi4py import MPI

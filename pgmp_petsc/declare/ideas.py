@@ -103,7 +103,7 @@ class Family:
         other = self.classes.get(names[0])
         if other is not None:
             file, line = place_of(other)
-            raise refuse(cls, f"there is an {self.what} '{names[0]}' already, {file}, line {line}; choose another name")
+            raise refuse(cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; choose another name")
         self.classes[names[0]] = cls
         if not cls.__module__.startswith(PACKAGE):
             IN_USE[self.group, names[0]] = _plugin(cls)
@@ -129,8 +129,9 @@ class Family:
 
 EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
 OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
+JOINTS = Family("joint", "JointEntry", "pgmp_petsc.joints", "joints")
 SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
-FAMILIES = (EFFECTS, OUTPUTS, SECTIONS)
+FAMILIES = (EFFECTS, OUTPUTS, JOINTS, SECTIONS)
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 

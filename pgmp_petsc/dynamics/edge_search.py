@@ -1,25 +1,38 @@
-"""The search for edges of laws within a step, lane by lane, compiled.
+"""Steps that end where a law has an edge, such as the contact with an end stop.
 
-What is searched, and why, is said in `event_location`, which has the same search for other systems. Here it is told
-what came of a trial, from the beginning of the step or from the edge before, and says of what length the next one is:
+A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back
+to the beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from
+there; all others keep their step, so that the samples of a batch meet again at its end.
+
+Samples of the reduced model search by themselves, lane by lane, compiled (`look`). It is told what came of a trial,
+from the beginning of the step or from the edge before, and says of what length the next one is:
 
     WHOLE      the step itself. Where an edge is crossed in it, the rest of the step is searched
     EARLIEST   next to nothing: is the edge there already?
     NARROWING  an instant between two whose depths have different signs, by Brent's method
     REACHING   up to the first of the edges that were found
     REST       from there to the end of the step
+
+`EventLocation` is the search of all other systems, and of samples of which a part of a step fails.
 """
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.event_location import MAX_EVENTS, SHORTEST, TIME_TOLERANCE
+from pgmp_petsc.dynamics.alpha_step import AlphaStep, put, standing
+from pgmp_petsc.dynamics.second_order_system import Moment, SecondOrderSystem, State
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.petsc import log_event
 from pgmp_petsc.runtime.vectors import LANES
 
+MAX_EVENTS = 20  # in one step of one sample; beyond, the step is taken as it is
+TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own error
+SHORTEST = 1e-6  # part of a step that is worth a step of its own
 WHOLE, EARLIEST, NARROWING, REACHING, REST = range(5)  # what a trial is for
 BEGUN, TRIED, REACHED, DONE, HOPELESS = range(5)  # what comes of it; see `look`
 MAX_TRIALS = 1000  # in one step; Brent's method alone takes a dozen
@@ -266,3 +279,159 @@ def _narrow(bracket, lane, tolerance):
     else:
         b[NOW] += least if half > 0.0 else -least
     return False
+
+
+Place = tuple[State, np.ndarray]  # a state, and the auxiliary accelerations there
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a step, as one sample takes it.
+
+    Attributes
+    ----------
+    end, duration
+        s.
+    edge
+        The edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end.
+    state, auxiliary
+        State and auxiliary accelerations at its end.
+    """
+
+    end: float
+    duration: float
+    edge: int
+    state: State
+    auxiliary: np.ndarray
+
+
+class EventLocation:
+    """Location of the edges that the samples of a system cross.
+
+    Parameters
+    ----------
+    system
+        A system with events.
+    stepper
+        Its steps.
+    start
+        State at time 0.
+
+    Attributes
+    ----------
+    beyond
+        Whether each edge is crossed, shape (n_events, n_samples).
+    shortest
+        Between two crossings of an edge, shape (n_samples,), s; infinite where none was crossed twice.
+    """
+
+    def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
+        self._system, self._stepper = system, stepper
+        self.beyond = system.depths(0.0, start) > 0.0
+        self.shortest = np.full(system.n_samples, np.inf)
+        self._last = np.full(self.beyond.shape, -np.inf)
+        self.n_located = 0
+
+    def by(self, stepper: AlphaStep) -> EventLocation:
+        """Return the location with other steps of the same samples: what either of them crosses, both have crossed."""
+        other = copy(self)
+        other._stepper = stepper
+        return other
+
+    def crossing(self, end: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return which of some samples, a mask, are beyond other edges at the end of a step than at its beginning."""
+        return samples & np.any((self._system.depths(end, state) > 0.0) != self.beyond, axis=0)
+
+    def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
+        """Repeat steps that cross edges, into `after`; return the samples whose iteration failed.
+
+        Parameters
+        ----------
+        before, after
+            At the beginning and at the end of the step.
+        end, step
+            End and length of the step, s.
+        samples
+            Mask of the samples, shape (n_samples,).
+        """
+        lost = np.zeros_like(samples)
+        with log_event("contacts"):
+            for sample in np.flatnonzero(samples):
+                lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
+        return lost
+
+    def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:
+        """Repeat the step of one sample; return it as a mask if its iteration failed."""
+        parts = self.parts((before.state, before.auxiliary), end, step, alone)
+        if parts is None:
+            return alone
+        for part in parts:
+            if part.edge >= 0:
+                last = self._last[part.edge, alone]
+                self.shortest[alone] = np.minimum(self.shortest[alone], part.end - last)
+                self._last[part.edge, alone] = part.end
+        reached = standing(parts[-1].state, parts[-1].auxiliary, alone.size)
+        put(self._system, after, reached._replace(before=before.state.a), alone)
+        return np.zeros_like(alone)
+
+    def parts(self, moment: Place, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
+        """Take one sample to the end of a step, edge by edge; None where its iteration fails.
+
+        No part goes up to an edge that lies at the beginning of the step, or where another one is.
+
+        Parameters
+        ----------
+        moment
+            State and auxiliary accelerations at the beginning of the step.
+        end, step
+            End and length of the step, s.
+        alone
+            The sample as a mask, shape (n_samples,).
+        """
+        left, taken = step, []
+        for _ in range(MAX_EVENTS):
+            there = self._advance(moment, end, left, alone)
+            if there is None:
+                return None
+            crossed = np.flatnonzero(self._crossed(end, there, alone))
+            if not crossed.size:
+                return [*taken, Part(end, left, -1, *there)]
+            first, edge = min((self._root(moment, end, left, alone, edge), edge) for edge in crossed)
+            self.beyond[edge, alone] = ~self.beyond[edge, alone]
+            self.n_located += 1
+            if first > SHORTEST * step:
+                moment = self._advance(moment, end - left + first, first, alone)
+                if moment is None:
+                    return None
+                left -= first
+                taken.append(Part(end - left, first, int(edge), *moment))
+                if left <= SHORTEST * step:
+                    return taken
+        last = self._advance(moment, end, left, alone)
+        return None if last is None else [*taken, Part(end, left, -1, *last)]
+
+    def _root(self, moment: Place, end: float, left: float, alone: np.ndarray, edge: int) -> float:
+        """Return how long it takes to the edge, s."""
+        from scipy.optimize import brentq  # takes a noticeable time, and few runs have events
+
+        start = end - left
+        sign = -1.0 if self.beyond[edge, alone][0] else 1.0
+
+        def depth(duration: float) -> float:
+            there = self._advance(moment, start + duration, duration, alone)
+            if there is None:
+                return np.nan
+            return sign * float(self._system.depths(start + duration, there[0])[edge, alone][0])
+
+        earliest = SHORTEST * left
+        if not depth(earliest) < 0.0:
+            return 0.0
+        return float(brentq(depth, earliest, left, xtol=TIME_TOLERANCE * left))
+
+    def _advance(self, moment: Place, end: float, duration: float, alone: np.ndarray) -> Place | None:
+        after, lost = self._stepper.take_one(standing(*moment, alone.size), end, duration, alone)
+        return None if lost.any() else (after.state, after.auxiliary)
+
+    def _crossed(self, time: float, moment: Place, alone: np.ndarray) -> np.ndarray:
+        """Return which edges lie between the sample and where it was, shape (n_events,)."""
+        return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self.beyond[:, alone][:, 0]

@@ -1,6 +1,6 @@
 """Energies and powers of a model at an instant, or at those of a run, from which its balance is drawn up.
 
-The balance of energy of many samples, summed up while they run; `results.balance` has that of one run's history.
+The balance of energy of many samples, summed up while they run; `results.estimates` has that of one run's history.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Generalised-alpha time integration of second-order systems with constraints, driven by PETSc's TS.
+"""Generalised-alpha time integration of second-order systems with constraints.
 
 The scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007) for the index-3 equations
 ``r(t, q, q', q'') + C^T lambda = 0``, ``c(q) = 0``: dynamics and constraints hold exactly at the end of every step,
@@ -9,22 +9,18 @@ The scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007) fo
 
 with the auxiliary accelerations A. All coefficients follow from the spectral radius at infinite frequency. A batch of
 samples is one bigger system: samples share time and step, but each has its own Newton iteration, so that no sample
-can change another.
+can change another. Each goes as far as it goes by itself (`SecondOrderSystem.advance`); a step that is too much for it,
+or in which it crosses the edge of a law, is taken with care (`alpha_step`, `edge_search`), and it goes on.
 
-One step of the TS is many steps of the scheme (`stops_of`), or one where an option lets PETSc look at the steps. What
-observes a run is shown every step that it wants to see in any case; the others are not even written down, which takes a
-tenth of the time of a step.
+One step of PETSc's TS is many steps of the scheme (`stops_of`), or one where an option lets PETSc look at the steps.
+What observes a run is shown every step that it wants to see in any case; the others are not even written down, which
+takes a tenth of the time of a step.
 
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
 
-Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `ts_options` for
-what is allowed.
-
-What drives an integration from stop to stop: PETSc's TS, or a plain loop where there is no PETSc.
-
-An integrator advances itself. The driver says when, and with PETSc lets its monitors see the states at the stops; both
-make the same calls in the same order, so that no number depends on which of them it is.
+Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `drivers` for what
+is allowed.
 """
 
 from __future__ import annotations
@@ -32,43 +28,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import gcd
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, AlphaStep
-from pgmp_petsc.dynamics.event_location import EventLocation, Moment, put
-from pgmp_petsc.dynamics.first_accelerations import first_accelerations, n_first_steps
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.dynamics.alpha_step import AlphaStep, Stretch, first_accelerations, n_first_steps, put, standing
+from pgmp_petsc.dynamics.drivers import PREFIX, check_ts_options, driver_here
+from pgmp_petsc.dynamics.edge_search import EventLocation
+from pgmp_petsc.dynamics.second_order_system import Moment, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
-from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
-from pgmp_petsc.runtime.installed import has_petsc
-from pgmp_petsc.runtime.petsc import as_raised, has_options, petsc_solver
+from pgmp_petsc.runtime.petsc import has_options
+from pgmp_petsc.scene.numerics import Simulation
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-    from petsc4py import PETSc
+MOST_AT_ONCE = 4000  # steps in one of the TS
+DIVISORS = (1, 2, 4, 8)  # of the scene's step; the last is as far as a first try may be from a good step
+RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
 
-    from pgmp_petsc.scene.numerics import Simulation
-
-
-# Steps of the scheme in one of the TS. What surrounds one takes the time of some hundred steps of a single sample in
-# compiled code, so that few samples go further at once; of many, the positions, velocities and accelerations that are
-# written down are to stay in the cache. Where Python goes from step to step more gain nothing.
-AT_ONCE, MOST_AT_ONCE = 50, 4000
-LARGEST = 2**19  # numbers that are written down, of all samples and steps
-FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
+EachStep = Callable[[int, float, State], object]
 
 
-class Observer(Protocol):
-    """Sees the states of a run as it goes on."""
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """See the state after a step, given by its number, 0 for the start."""
-
-
-class TrailObserver(Observer, Protocol):
-    """Sees the states of many steps at once too, where the system takes them so.
+class Observer:
+    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards.
 
     Attributes
     ----------
@@ -76,10 +55,14 @@ class TrailObserver(Observer, Protocol):
         Steps of which it is to see one, beside start and end; it may be shown more.
     """
 
-    every: int
+    every: int = 1
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step, given by its number, 0 for the start."""
+        raise NotImplementedError
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """See positions, velocities and accelerations after some steps.
+        """See positions, velocities and accelerations after some steps of a reduced system.
 
         Parameters
         ----------
@@ -88,20 +71,31 @@ class TrailObserver(Observer, Protocol):
         trail
             Shape (n_t, 3, n_samples, n); of samples that have failed, where they stand.
         """
-
-
-class StatesObserver(Observer, Protocol):
-    """Sees whole states of many steps at once too, where the system takes them so."""
+        for number, time, parts in zip(numbers, times, trail):
+            self(int(number), float(time), State(*parts, np.zeros(0)))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps, with a leading axis of steps; others are as of `TrailObserver`."""
+        """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
+        for k, number in enumerate(numbers):
+            self(int(number), float(times[k]), states.at(k))
+
+
+class Called(Observer):
+    """A function that sees each state."""
+
+    def __init__(self, function: EachStep) -> None:
+        self._function = function
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step."""
+        self._function(number, time, state)
 
 
 @dataclass(frozen=True)
-class Together:
+class Together(Observer):
     """One observer for several."""
 
-    observers: Sequence[TrailObserver]
+    observers: Sequence[Observer]
 
     @property
     def every(self) -> int:
@@ -124,8 +118,6 @@ class GeneralisedAlpha:
 
     Attributes
     ----------
-    state
-        The current state.
     status
         Status of every sample, shape (n_samples,).
     failure_time
@@ -153,25 +145,30 @@ class GeneralisedAlpha:
         parts: int = 1,
     ) -> None:
         self.system, self._parts = system, parts
-        self.state = system.start()
+        start = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
-        self._find_living()
+        self._alive = alive.copy()
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius, patient=parts == 1)
         self._finer, self.n_divided = AlphaStep(system, spectral_radius), np.zeros(system.n_samples, dtype=int)
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
-        self._n_at_once = getattr(system, "steps_at_once", 1)
         self._step = duration / n_steps
-        self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
-        if n_first_steps(system) and self._n_alive:
-            first = first_accelerations(system, self.state, self._step, self._alive)
-            self._auxiliary, self._stepper.n_iterations = first
-        self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)
-        self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
+        self._moment = standing(start, start.a.copy(), system.n_samples)
+        if n_first_steps(system) and self._alive.any():
+            first, self._stepper.n_iterations = first_accelerations(system, start, self._step, self._alive)
+            self._moment = self._moment._replace(auxiliary=first)
+        self._events = EventLocation(system, self._stepper, start) if system.n_events else None
+        self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse
-        self._show(0, self.state)
+        if observer is not None:
+            observer(0, 0.0, start.copy())
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+        return self._moment.state
 
     @property
     def n_iterations(self) -> int:
@@ -194,173 +191,112 @@ class GeneralisedAlpha:
         edge was crossed twice."""
         return np.full(self._alive.size, np.inf) if self._events is None else self._events.shortest
 
-    def _show(self, number: int, state: State) -> None:
-        """Show the state after a step to the observer."""
-        if self._observer is not None:
-            # not PETSc's own time, a sum of steps: its round-off grows over the run
-            self._observer(number, float(self.instants[number]), state)
-
     def advance(self) -> None:
         """Advance all living samples to the next stop."""
         last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
-        if hasattr(self.system, "advance"):
-            self._advance_at_once(last)
-        else:
-            number = self.n_done
-            while number < last:
-                number += self._advance_far(number, last) or self._advance_one_step(number)
-        self.n_done = last
+        while self.n_done < last:
+            self._advance_to(min(last, self.n_done + self.system.steps_at_once))
         if self._pulse is not None:
             self._pulse(last / (self.instants.size - 1))
 
-    def _advance_far(self, number: int, last: int) -> int:
-        """Advance all living samples by the steps that the system takes in one call; return how many that are."""
-        if not (self._stepper.goes_far and self._n_alive):
-            return 0
-        ends = self.instants[number + 1 : last + 1][: self._n_at_once]
-        taken, reached = self._stepper.advance_far(self.state, self._auxiliary, ends, self._step, self._alive)
-        if reached is None:
-            return 0
-        self.state, self._auxiliary = reached.state, reached.auxiliary
-        numbers = np.arange(number + 1, number + 1 + len(taken))
-        if hasattr(self._observer, "over_states"):
-            self._observer.over_states(numbers, self.instants[numbers], taken.states)
-        else:
-            for k, each in enumerate(numbers):
-                self._show(int(each), taken.states.at(k))
-        return len(taken)
-
-    def _advance_one_step(self, number: int) -> int:
-        """Advance all living samples from one instant to the next, and show it; return how many steps that are."""
-        if self._n_alive:
-            self._advance_with_looks(number)
-        self._show(number + 1, self.state)
-        return 1
-
-    def _advance_with_looks(self, number: int) -> None:
-        """Advance all living samples by a step, and look for edges, failures and what is outside."""
-        previous, auxiliary, alive = self.state, self._auxiliary, self._alive
-        # where steps are taken far, one that comes here is the one that went wrong
-        n_ahead = 0 if self._stepper.goes_far else self._n_at_once - 1
-        end, following = float(self.instants[number + 1]), self.instants[number + 2 :][:n_ahead]
-        self.state, self._auxiliary, lost = self._stepper.advance(
-            previous, auxiliary, end, self._step, alive, following
-        )
-        if self._events is not None:
-            beyond = self._events.beyond.copy()
-            lost |= self._events.repeat_steps(
-                (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
-            )
-            if self._parts > 1:
-                self._events.beyond[:, lost] = beyond[:, lost]
-        if self._parts > 1 and lost.any():
-            lost = self._advance_in_parts((previous, auxiliary), number, lost)
-        if lost.any():
-            self._retire(lost, self.system.reasons(end, previous, lost), end)
-        outside = self.system.outside(self.state)
-        if outside.any():
-            self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
-        if self._n_alive < alive.size:
-            self.system.restore(self.state, previous, ~self._alive)
-
-    def _advance_in_parts(self, moment: Moment, number: int, samples: np.ndarray) -> np.ndarray:
-        """Take a step of some samples, a mask, again in equal parts; return those whose iteration failed.
-
-        The auxiliary accelerations run ahead of the others by a share of the step.
-        """
-        begin, step, lost = float(self.instants[number]), self._step / self._parts, np.zeros_like(samples)
-        moment = moment[0], moment[0].a + (moment[1] - moment[0].a) / self._parts
-        events = None if self._events is None else self._events.by(self._finer)
-        self.n_divided += samples
-        ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
-        for k, end in enumerate(ends.tolist()):
-            going = samples & ~lost
-            state, ahead, failed = self._finer.advance(*moment, end, step, going, ends[k + 1 :])
-            if events is not None:
-                failed |= events.repeat_steps(moment, (state, ahead), end, step, going & ~failed)
-            lost, moment = lost | failed, (state, ahead)
-            if not (samples & ~lost).any():
-                break
-        put(self.system, (self.state, self._auxiliary), moment, samples & ~lost)
-        self._stepper.moved(samples, lost)
-        return lost
-
-    def _advance_at_once(self, last: int) -> None:
-        """Advance all living samples to an instant as far as they go by themselves; see the rest through one by one.
+    def _advance_to(self, last: int) -> None:
+        """Advance all living samples to an instant, each as far as it goes by itself, and from there with care.
 
         Those that a step is too much for, or that cross an edge in it, take that step with care and go on.
         """
-        at, todo = np.full(self._alive.size, self.n_done), self._alive.copy()
+        system, at, todo = self.system, np.full(self._alive.size, self.n_done), self._alive.copy()
         shown = self._shown(last)
-        trail = np.empty((shown.size, 3, *self.state.q.shape))
-        trail[:, :, ~todo] = self._now()[:, ~todo]
+        trail = system.trail(self.state, shown.size)
+        self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
-            together = todo & (at == first)
-            ends, scheme = self.instants[first + 1 : last + 1], self._stepper.scheme(self._step)
-            beyond = np.zeros((0, at.size), dtype=bool) if self._events is None else self._events.beyond
-            moment = self.state, self._auxiliary, self._before, self._contraction
-            outcome, n_steps, n_corrections = self.system.advance(
-                moment, first, ends, self._step, scheme, together, beyond, shown, trail
+            together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
+            outcome, n_steps = system.advance(
+                Stretch(self._stepper, self._moment, first, ends, self._step, together, self._beyond, shown, trail)
             )
-            self._stepper.n_iterations += n_corrections
-            at[together] = first + n_steps[together]
-            stopped_at = np.where(together & (outcome != Outcome.DONE), at, last)
-            for number in np.unique(stopped_at[stopped_at < last]):
-                there = stopped_at == number
-                self._retire(there & (outcome == Outcome.OUTSIDE), Status.LEFT_RANGE, float(self.instants[number + 1]))
-                stuck = there & self._alive
-                if stuck.any():
-                    self._advance_with_care(number, stuck)
-                trail[np.searchsorted(shown, number + 1) :, :, there] = self._now()[:, there]
+            at[together] += n_steps[together]
+            stuck = together & (outcome != Outcome.DONE)
+            for number in np.unique(at[stuck]).tolist():
+                there = stuck & (at == number)
+                self._advance_with_care(number, there, outcome)
+                self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
                 at[there] += 1
             todo &= self._alive & (at < last)
-        if hasattr(self._observer, "over"):
-            if shown.size:
-                self._observer.over(shown, self.instants[shown], trail)
-            return
-        for number, parts in zip(shown, trail):
-            self._show(int(number), State(*parts, self.state.multipliers))
+        self.n_done = last
+        if shown.size:
+            # not PETSc's own time, a sum of steps: its round-off grows over the run
+            system.show(self._observer, shown, self.instants[shown], trail)
 
     def _shown(self, last: int) -> np.ndarray:
         """Return the numbers of the steps up to `last` that the observer is to see."""
         if self._observer is None:
             return np.zeros(0, dtype=np.int64)
         numbers = np.arange(self.n_done + 1, last + 1)
-        every = getattr(self._observer, "every", 1)
-        return numbers[(numbers % every == 0) | (numbers == self.instants.size - 1)]
+        return numbers[(numbers % self._observer.every == 0) | (numbers == self.instants.size - 1)]
 
-    def _now(self) -> np.ndarray:
-        """Return positions, velocities and accelerations of all samples together."""
-        return np.array([self.state.q, self.state.v, self.state.a])
+    def _stand(self, trail: State, samples: np.ndarray) -> None:
+        """Let some samples stand where they are in all instants of a trail."""
+        if samples.any() and len(trail.q):
+            parts = zip(trail.parts(), self.state.parts())
+            here = State(*(np.broadcast_to(part, of_trail.shape) for of_trail, part in parts))
+            self.system.restore_all(trail, here, samples)
 
-    def _advance_with_care(self, number: int, samples: np.ndarray) -> None:
-        """Advance some samples by one step, in place, with smaller corrections or up to an edge and on."""
-        previous, auxiliary, end = self.state, self._auxiliary, float(self.instants[number + 1])
-        state, ahead, lost = self._stepper.advance(previous, auxiliary, end, self._step, samples)
-        if self._events is not None:
-            lost |= self._events.repeat_steps((previous, auxiliary), (state, ahead), end, self._step, samples & ~lost)
+    def _advance_with_care(self, number: int, samples: np.ndarray, outcome: np.ndarray) -> None:
+        """Advance some samples by one step, in place; retire those for which that fails.
+
+        `outcome` says what came of it before; those that were lost may cross an edge too.
+        """
+        lost, crossing, outside = (
+            samples & (outcome == each) for each in (Outcome.LOST, Outcome.CROSSED, Outcome.OUTSIDE)
+        )
+        before, end = self._moment, float(self.instants[number + 1])
+        after, failed = standing(before.state.copy(), before.auxiliary.copy(), samples.size), np.zeros_like(samples)
         if lost.any():
-            self._retire(lost, self.system.reasons(end, previous, lost), end)
-        outside = samples & ~lost & self.system.outside(state)
+            after, failed = self._stepper.retry(before, end, self._step, lost)
+        if self._events is not None:
+            beyond = self._beyond.copy()
+            crossing |= self._events.crossing(end, after.state, lost & ~failed)
+            failed |= self._events.repeat_steps(before, after, end, self._step, crossing)
+            if self._parts > 1:
+                self._beyond[:, failed] = beyond[:, failed]
+        if self._parts > 1 and failed.any():
+            failed = self._advance_in_parts(before, after, number, failed)
+        if failed.any():
+            self._retire(failed, self.system.reasons(end, before.state, failed), end)
+        outside = outside | samples & ~failed & self.system.outside(after.state)
         self._retire(outside, Status.LEFT_RANGE, end)
         fine = samples & self._alive
-        self._before[fine] = previous.a[fine]
-        self._auxiliary[fine] = ahead[fine]
-        self._contraction[fine] = FIRST_CONTRACTION
-        for into, part in ((self.state.q, state.q), (self.state.v, state.v), (self.state.a, state.a)):
-            into[fine] = part[fine]
+        if fine.any():
+            put(self.system, before, after._replace(before=before.state.a.copy()), fine)
+
+    def _advance_in_parts(self, before: Moment, after: Moment, number: int, samples: np.ndarray) -> np.ndarray:
+        """Take a step of some samples, a mask, in equal parts, into `after`; return those whose iteration failed.
+
+        The auxiliary accelerations run ahead of the others by a share of the step.
+        """
+        begin, step, lost = float(self.instants[number]), self._step / self._parts, np.zeros_like(samples)
+        ahead = before.state.a + (before.auxiliary - before.state.a) / self._parts
+        moment = standing(before.state, ahead, samples.size)
+        events = None if self._events is None else self._events.by(self._finer)
+        self.n_divided += samples
+        ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
+        for end in ends.tolist():
+            going = samples & ~lost
+            reached, failed = self._finer.take_one(moment, end, step, going)
+            if events is not None:
+                crossing = events.crossing(end, reached.state, going & ~failed)
+                failed |= events.repeat_steps(moment, reached, end, step, crossing)
+            lost, moment = lost | failed, reached
+            if not (samples & ~lost).any():
+                break
+        put(self.system, after, moment, samples & ~lost)
+        return lost
 
     def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
-        if samples.any():
-            self.status[samples] = reason
-            self.failure_time[samples] = time
-            self._find_living()
-
-    def _find_living(self) -> None:
-        self._alive = self.status == Status.FINE
-        self._n_alive = int(self._alive.sum())
+        self.status[samples] = reason
+        self.failure_time[samples] = time
+        self._alive &= ~samples
 
 
 @dataclass(frozen=True)
@@ -403,14 +339,6 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
     return times
 
 
-def steps_at_once(system: SecondOrderSystem, observer: Observer | None) -> int:
-    """Return how many steps of the scheme make one of the TS where PETSc does not look; the same on all ranks."""
-    if not hasattr(system, "advance"):
-        return min(AT_ONCE, MOST_AT_ONCE)
-    largest = FURTHEST if observer is None else min(LARGEST * getattr(observer, "every", 1), FURTHEST)
-    return min(max(1, largest // (3 * system.n_samples * system.n_eta)), MOST_AT_ONCE)
-
-
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
     if has_options(prefix):
@@ -422,7 +350,7 @@ def integrate(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray | None = None,
-    observer: Observer | None = None,
+    observer: Observer | EachStep | None = None,
     prefix: str = PREFIX,
     pulse: Callable[[float], object] | None = None,
 ) -> Run:
@@ -437,7 +365,7 @@ def integrate(
     alive
         Samples to integrate at all, shape (n_samples,); all by default.
     observer
-        Called with step number, time and state at the start and after every step. The state may change afterwards.
+        Sees the start and the states after steps; a function is called with number, time and state of each.
     prefix
         Of the options that reach this integration.
     pulse
@@ -455,7 +383,10 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    stops = stops_of(n_steps, steps_at_once(system, observer), prefix)
+    if observer is not None and not isinstance(observer, Observer):
+        observer = Called(observer)
+    at_once = system.steps_between_looks(None if observer is None else observer.every)
+    stops = stops_of(n_steps, min(at_once, MOST_AT_ONCE), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here().drive(stepper, system.comm, prefix)
@@ -463,105 +394,79 @@ def integrate(
     return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *counted)
 
 
-class Driven(Protocol):
-    """An integration.
+@dataclass(frozen=True)
+class Attempt:
+    """What is to be integrated, from time 0.
 
     Attributes
     ----------
-    state
-        The current state.
-    instants
-        Of the start and the ends of all steps, shape (n_steps + 1,), s.
-    stops
-        Numbers of the steps that it stops at, 0 and the last one included.
-    n_done
-        Steps that are behind it.
+    samples
+        Numbers of the samples in the batch, shape (n,).
+    alive
+        Which of these are to be integrated at all, shape (n,).
+    simulation
+        The scene's, with the step of this attempt.
+    divisor
+        By which the scene's step is divided.
     """
 
-    state: State
-    instants: np.ndarray
-    stops: np.ndarray
-    n_done: int
-
-    def advance(self) -> None:
-        """Go on to the next stop."""
+    samples: np.ndarray
+    alive: np.ndarray
+    simulation: Simulation
+    divisor: int
 
 
-def driver_here() -> Driver:
-    """Return the driver of this Python."""
-    return PetscDriver() if has_petsc() else LoopDriver()
+@dataclass(frozen=True)
+class RetriedRun:
+    """What became of a batch.
+
+    Attributes
+    ----------
+    status, failure_time
+        Of every sample in its last attempt, shape (n_samples,).
+    divisors
+        By what the scene's step was divided in that attempt, shape (n_samples,).
+    """
+
+    status: np.ndarray
+    failure_time: np.ndarray
+    divisors: np.ndarray
 
 
-class Driver(Protocol):
-    """Drives an integration to its end."""
+def integrate_with_smaller_steps(
+    run: Callable[[Attempt], Run], simulation: Simulation, alive: np.ndarray, divisors: tuple[int, ...] = DIVISORS
+) -> RetriedRun:
+    """Integrate a batch, and those of its samples that fail again, from the start, with smaller steps.
 
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops. Collective on `comm`.
+    Only they are: a sample that is fine keeps its numbers to the last bit, and a sample that is tried again has
+    nobody's but its own, so that neither batch nor number of ranks plays a part. A sample whose reduced model broke
+    down with two steps in turn is not tried further: it is the model that ends there, not the integration.
 
-        Parameters
-        ----------
-        prefix
-            Of the options of PETSc that reach this integration.
-
-        Raises
-        ------
-        InputError
-            If PETSc refuses the value of an option.
-        RunError
-            If it ends early, with PETSc's reason.
-        """
-
-
-class LoopDriver:
-    """A plain loop; takes no options."""
-
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops; see `Driver`."""
-        while integration.n_done < integration.stops[-1]:
-            integration.advance()
-
-
-class PetscDriver:
-    """PETSc's TS, whose steps are those from stop to stop."""
-
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops; see `Driver`."""
-        from petsc4py import PETSc
-
-        instants, n_stops = integration.instants, len(integration.stops) - 1
-        solution = PETSc.Vec().createMPI((integration.state.q.size, None), comm=comm)
-        solution.setArray(integration.state.q.ravel())
-        ts = PETSc.TS().create(comm=comm)
-        try:
-            ts.setOptionsPrefix(prefix)
-            ts.setType(PETSc.TS.Type.PYTHON)
-            ts.setPythonContext(_Context(integration))
-            ts.setTime(0.0)
-            ts.setTimeStep(float(instants[integration.stops[1]]))
-            # the number of steps ends the run, not round-off in their sum
-            ts.setMaxTime(2 * float(instants[-1]))
-            ts.setMaxSteps(n_stops)
-            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-            with petsc_solver(prefix, "time integration"):
-                ts.setFromOptions()
-            with as_raised():
-                ts.solve(solution)
-            check_end(ts, n_stops, float(instants[-1]))
-        finally:
-            ts.destroy()
-            solution.destroy()
-
-
-class _Context:
-    """What a TS of type python calls."""
-
-    def __init__(self, integration: Driven) -> None:
-        self._integration = integration
-
-    def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (PETSc's name)
-        """Do a step of the TS."""
-        integration = self._integration
-        begin = integration.n_done
-        integration.advance()
-        ts.setTimeStep(float(integration.instants[integration.n_done] - integration.instants[begin]))
-        u.setArray(integration.state.q.ravel())
+    Parameters
+    ----------
+    run
+        Integrates an attempt and keeps what it wants of the samples that are fine; what it kept of an earlier attempt
+        of the same sample is void.
+    simulation
+        The scene's.
+    alive
+        Samples to integrate at all, shape (n_samples,).
+    divisors
+        Of the scene's step, one after the other; the first is 1.
+    """
+    n_steps = count_steps(simulation.duration, simulation.step)
+    status = np.full(alive.size, Status.UNPHYSICAL, dtype=int)
+    failure_time, divided = np.zeros(alive.size), np.ones(alive.size, dtype=int)
+    samples = np.arange(alive.size)
+    for divisor in divisors:
+        # the first step as it is: a quotient of a product may differ in the last bit
+        step = simulation.step if divisor == 1 else simulation.duration / (n_steps * divisor)
+        attempt = Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor)
+        done = run(attempt)
+        before = status[samples]
+        status[samples], failure_time[samples], divided[samples] = done.status, done.failure_time, divisor
+        unchanged = (done.status == Status.BROKE_DOWN) & (before == Status.BROKE_DOWN)
+        samples = samples[np.isin(done.status, RETRIED) & ~unchanged]
+        if not samples.size:
+            break
+    return RetriedRun(status, failure_time, divided)

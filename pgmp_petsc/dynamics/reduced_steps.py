@@ -17,15 +17,14 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import act, allocate_local, forget_rates, limited_lanes
 from pgmp_petsc.dynamics.alpha_step import (
-    CAUTION,
     FIRST_CONTRACTION,
-    LEAST_CONTRACTION,
     MAX_ITERATIONS,
     NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS,
     PROBED_EVERY,
     REFRESH_EVERY,
-    ROUND_OFF,
-    WORST_CONTRACTION,
+    contraction_of,
+    expected_after,
+    goes_on,
 )
 from pgmp_petsc.dynamics.edge_search import (
     REST,
@@ -51,7 +50,6 @@ from pgmp_petsc.runtime.vectors import (
     count_lanes,
     exceeding,
     first_lane,
-    larger,
     load,
     spread,
     store,
@@ -186,7 +184,6 @@ def _find_between(functions, time, lane, now):
 
 
 LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CROSSED)
-ALMOST_NONE = 1e-300
 # In the units of `alpha_step`. One correction is then enough in nine of ten steps of the default scene; it leaves 3e-13
 # in the median.
 NEWTON_TOLERANCE = 1e-11
@@ -436,26 +433,16 @@ def _converge(equations, memory, block, clocks, lanes, careful, attempt, expecte
         correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         size = follow_correction(equations, (gain_v, gain_a), active, work)
         progress.n_corrections[0] += count_lanes(active)
-        contraction = first
-        if iteration > 0:
-            contraction = _bounded(size / larger(last, spread(ALMOST_NONE)))
+        contraction = contraction_of(iteration, size, last, first)
         if iteration == 1:
-            known = larger(_bounded(CAUTION * contraction), spread(LEAST_CONTRACTION))
-            store(expected, 0, blend(active, known, load(expected, 0)))
-        remaining = size * contraction / (1.0 - contraction)
+            store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken
-        active &= ~broken & exceeding(remaining, tolerance) & exceeding(size, spread(ROUND_OFF))
+        active &= ~broken & goes_on(size, contraction, tolerance)
         last = size
         if active == 0:
             break
     return lost | active
-
-
-@njit(inline="always")
-def _bounded(contraction):
-    """Return contractions, none of them larger than the worst that is reckoned with."""
-    return blend(exceeding(contraction, spread(WORST_CONTRACTION)), spread(WORST_CONTRACTION), contraction)
 
 
 @njit(inline="always")

@@ -1,6 +1,8 @@
 """The reduced model as a second-order system for the integrator; a batch of samples with their own parameters.
 
 What acts on reduced models over time: amplitudes of loads and of local effects, and prescribed motions.
+
+The samples of a reduced batch as they lie in lanes, with all that the compiled equations take and keep of them.
 """
 
 from __future__ import annotations
@@ -11,27 +13,186 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import ABOUT, FORCE, POWER, STORED
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.action_frames import KeptPlaces
+from pgmp_petsc.dynamics.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
+from pgmp_petsc.dynamics.alpha_step import Stretch
 from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
-from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
+from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Strengths, Weights
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
-from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
+from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.runtime.installed import alone
-from pgmp_petsc.runtime.vectors import same_in_all_lanes
+from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
 
+class ReducedLanes:
+    """Samples in blocks of LANES, in an order that may change; no sample's numbers depend on its lane.
+
+    Parameters
+    ----------
+    terms, actions
+        Interpolated terms of the equations of motion, and local effects.
+    effects
+        Names of the effects with loads, each once.
+    values
+        Parameter values of the samples, each of shape (n_samples,).
+    prescribed
+        Whether a coordinate's motion is given, shape (n_theta,).
+    n_samples
+        Number of samples.
+
+    Attributes
+    ----------
+    equations, memory
+        What the kernels take, and what they keep of every block.
+    load_weights, place_weights
+        Weights of the load terms, shape (n_load_terms, n_samples), and of the terms of the places of actions.
+    """
+
+    def __init__(
+        self,
+        terms: ReducedTerms,
+        actions: ReducedActions,
+        effects: Sequence[str],
+        values: Mapping[str, np.ndarray],
+        prescribed: np.ndarray,
+        n_samples: int,
+    ) -> None:
+        self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
+        self._term_weights, self.load_weights, self.place_weights = (
+            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
+            for w in (terms.weights, terms.tables.load_weights, actions.weights)
+        )
+        self.equations = Equations(
+            terms.layout,
+            terms.grid,
+            terms.polynomials,
+            Weights(
+                self.packed(self._term_weights),
+                self.packed(self.load_weights),
+                np.array([effects.index(name) for name in terms.tables.load_effects], dtype=np.int64),
+                np.zeros(len(terms.weights), dtype=np.int64),
+            ),
+            actions.of_samples(values, n_samples),
+            0.0 if terms.damping is None else terms.damping.mass,
+            prescribed,
+            terms.scale,
+        )
+        self.memory = self._allocate(len(effects), len(actions.actions), len(actions.edges))
+
+    def _allocate(self, n_effects: int, n_actions: int, n_edges: int) -> Memory:
+        """Return what is kept of every block, empty."""
+        layout, n_blocks = self.equations.layout, self._blocks.n_blocks
+        r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
+        n_powers = N_POWERS**r
+        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m + 1) // 2 if layout.second_order else 0)
+        local, n_acting = self.equations.local.places, n_blocks if n_actions else 0
+        cells, local_cells = aligned_zeros((n_blocks, LANES)), aligned_zeros((n_acting, 2, LANES))
+        cells[:] = local_cells[:] = -1.0
+        return Memory(
+            self._blocks.samples,
+            cells,
+            aligned_zeros((n_blocks, layout.n_rigid * N_POWERS_OF_RIGID**r, LANES)),
+            aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
+            aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
+            Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
+            KeptPlaces(
+                local_cells,
+                self.packed(self.place_weights)[:n_acting],
+                *(aligned_zeros((n_acting, table.shape[2], LANES)) for table in (local.rigid, local.shapes)),
+            ),
+            Acting.empty(n_acting, layout.n_eta),
+            np.empty((self._blocks.n_samples, ABOUT + 1, n_actions)),
+            np.empty((self._blocks.n_samples, n_edges)),
+        )
+
+    def nothing_acting(self) -> Acting:
+        """Return what local effects add where there are none."""
+        return Acting.empty(self._blocks.n_blocks, self.equations.layout.n_eta)
+
+    def zeros(self, dtype: type = float) -> np.ndarray:
+        """Return a zero for every lane, aligned, shape (n_blocks, LANES)."""
+        return aligned_zeros((self._blocks.n_blocks, LANES)).view(dtype)
+
+    def packed(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows (n, n_samples) as vectors, aligned, (n_blocks, n, LANES)."""
+        blocks = aligned_zeros((self._blocks.n_blocks, len(rows), LANES))
+        blocks[:] = self._blocks.pack(rows)
+        return blocks
+
+    def unpacked(self, vectors: np.ndarray) -> np.ndarray:
+        """Return vectors (n_blocks, ..., LANES) by samples, shape (..., n_samples)."""
+        return self._blocks.unpack(vectors)
+
+    def sets(self, samples: np.ndarray) -> np.ndarray:
+        """Return some samples, a mask, as sets of lanes, shape (n_blocks,)."""
+        return self._blocks.mask(samples) @ (1 << np.arange(LANES))
+
+    def regroup(self, q: np.ndarray, samples: np.ndarray) -> None:
+        """Put samples that are near each other in the tables side by side, and those that are not to advance last.
+
+        Lanes that enter a cell together are filled at once.
+
+        Parameters
+        ----------
+        q
+            Coordinates of all samples, shape (n_samples, n_eta).
+        samples
+            Mask of those to advance.
+        """
+        if self._blocks.n_blocks == 1:
+            return
+        number = np.zeros(len(q))
+        with np.errstate(invalid="ignore"):
+            for theta, axis in zip(q.T, self.equations.grid):
+                place = (theta - axis.lower) / axis.step
+                number = np.floor(number) * axis.n_cells + (place % axis.n_cells if axis.periodic else place)
+        blocks = self._blocks.ordered(np.argsort(np.where(samples, number, np.inf), kind="stable"))
+        memory, weights, of_lanes = self.memory, self.equations.weights, blocks.samples
+        moved = of_lanes != memory.samples
+        if moved.any():
+            self._blocks = blocks
+            memory.samples[:], memory.cells[moved] = of_lanes, -1.0
+            np.moveaxis(memory.places.cells, 1, -1)[moved[: len(memory.places.cells)]] = -1.0
+            weights.terms[:], weights.loads[:] = blocks.pack(self._term_weights), blocks.pack(self.load_weights)
+            memory.places.weights[:] = blocks.pack(self.place_weights)[: len(memory.places.weights)]
+
+    def matrices(self) -> np.ndarray:
+        """Return the iteration matrices without their skew part, shape (n_samples, n_eta, n_eta)."""
+        r, n = len(self.equations.layout.rigid), self.equations.layout.n_eta
+        factor, corner, column, row = (self.unpacked(part).T for part in self.memory.matrix[:4])
+        result = np.empty((len(factor), n, n))
+        rows, columns = np.tril_indices(n - r)
+        result[:, r + rows, r + columns] = result[:, r + columns, r + rows] = factor
+        result[:, :r, :r] = corner.reshape(-1, r, r)
+        result[:, r:, :r] = np.swapaxes(column.reshape(-1, r, n - r), 1, 2)
+        result[:, :r, r:] = row.reshape(-1, r, n - r)
+        return result
+
+
+LARGEST = 2**19  # numbers that are written down, of all samples and steps
+FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
-class ReducedSystem:
+class ReducedTrail(State):
+    """Room for states as they lie side by side, shape (n_t, 3, n_samples, n_eta)."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.whole = np.empty((shape[0], 3, *shape[1:]))
+        super().__init__(*np.moveaxis(self.whole, 1, 0), np.zeros((shape[0], 0)), np.zeros((shape[0], 0)))
+
+
+class ReducedSystem(SecondOrderSystem):
     """A batch of samples of the reduced model, on one rank.
 
     Parameters
@@ -53,6 +214,8 @@ class ReducedSystem:
         Local effects, if there are any.
     """
 
+    steps_at_once = 2**31  # each by itself
+
     def __init__(
         self,
         terms: ReducedTerms,
@@ -66,7 +229,6 @@ class ReducedSystem:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.comm, self.n_samples = alone(), n_samples
-        self.settled: Settled | None = None
         self._initial = initial
         self._terms, self._motions = terms, motions
         self._values = values
@@ -82,6 +244,7 @@ class ReducedSystem:
         self._strengths = ReducedStrengths(
             self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
         )
+        self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
@@ -202,11 +365,6 @@ class ReducedSystem:
         evaluate_residual(self._equations, self._memory, self._strengths.at(time), _parts(state), result)
         return result
 
-    @property
-    def n_events(self) -> int:
-        """Number of edges of laws."""
-        return self._memory.depths.shape[1]
-
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
@@ -276,73 +434,54 @@ class ReducedSystem:
         weighted = forces[..., None] * self._lanes.place_weights.T[:, None]
         return weighted.reshape(*forces.shape[:2], forces.shape[2] * weighted.shape[3])
 
-    def close(self) -> None:
-        """Nothing is to be given back."""
-
-    def advance(
-        self,
-        moment: tuple[State, np.ndarray, np.ndarray, np.ndarray],
-        first: int,
-        ends: np.ndarray,
-        step: float,
-        scheme: Scheme,
-        samples: np.ndarray,
-        beyond: np.ndarray,
-        shown: np.ndarray,
-        trail: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Take some samples through several equal steps, each until it is done or something happens to it.
-
-        Parameters
-        ----------
-        moment
-            State, auxiliary accelerations, accelerations one step before and contractions of Newton's iteration to be
-            expected (n_samples, 1); advanced in place.
-        first, ends
-            Number of the first step in the run; ends of the steps, shape (n_steps,), s.
-        step
-            s.
-        samples
-            Mask, shape (n_samples,).
-        beyond
-            Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date.
-        shown
-            Numbers of the steps that somebody wants to see, shape (n_t,).
-        trail
-            Result: positions, velocities and accelerations after these, (n_t, 3, n_samples, n_eta), of the samples that
-            are advanced.
-
-        Returns
-        -------
-        outcome, n_steps
-            An `Outcome` and the number of steps taken of each sample, shape (n_samples,).
-        n_corrections
-            Newton corrections, all samples together.
-        """
-        self._lanes.regroup(moment[0].q, samples)
+    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """Take some samples through equal steps, each by itself, over edges of laws too; see `SecondOrderSystem`."""
+        moment, stepper = stretch.moment, stretch.stepper
+        self._lanes.regroup(moment.state.q, stretch.samples)
         progress = Progress(
             self._lanes.zeros(np.int64),
             self._lanes.zeros(np.int64),
             np.zeros(1, dtype=np.int64),
-            np.ascontiguousarray(beyond.T),
-            shown,
-            trail,
+            np.ascontiguousarray(stretch.beyond.T),
+            stretch.shown,
+            stretch.trail.whole,
         )
-        state, *others = moment
-        coefficients = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        scheme = stepper.scheme(stretch.step)
+        state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
         advance(
-            self._equations, self._memory, self._strengths.over(ends), self._functions, coefficients,
-            (first, ends, step), (*_parts(state), *others), self._bounds, self._lanes.sets(samples),
-            progress,
+            self._equations, self._memory, self._strengths.over(stretch.ends), self._functions,
+            (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),
+            state, self._bounds, self._lanes.sets(stretch.samples), progress,
         )  # fmt: skip
-        beyond[:] = progress.beyond.T
-        outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
-        return outcome, n_steps, int(progress.n_corrections[0])
+        stretch.beyond[:] = progress.beyond.T
+        stepper.count(progress.n_corrections, 0, 0)
+        return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
+
+    def trail(self, state: State, n: int) -> ReducedTrail:
+        """Return room for n states."""
+        return ReducedTrail((n, *state.q.shape))
+
+    def show(self, observer: Observer, numbers: np.ndarray, times: np.ndarray, trail: ReducedTrail) -> None:
+        """Show the states after some steps to an observer."""
+        observer.over(numbers, times, trail.whole)
+
+    def steps_between_looks(self, every: int | None) -> int:
+        """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`.
+
+        Few samples go further at once; of many, what is written down is to stay in the cache.
+        """
+        largest = FURTHEST if every is None else min(LARGEST * every, FURTHEST)
+        return max(1, largest // (3 * self.n_samples * self.n_eta))
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
-        for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):
+        for now, before in zip(_parts(state), _parts(previous)):
             now[samples] = before[samples]
+
+    def restore_all(self, trail: State, states: State, samples: np.ndarray) -> None:
+        """Put samples in all instants of a trail to what they are in other states."""
+        for now, before in zip(_parts(trail), _parts(states)):
+            now[:, samples] = before[:, samples]
 
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinates left the sampled range."""

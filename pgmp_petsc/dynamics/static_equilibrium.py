@@ -15,7 +15,7 @@ What is said of runs and samples that start from static equilibrium.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -167,8 +167,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
         turned = np.sum(step * before, axis=1) < 0.0
         limit = np.where(turned, 0.5 * limit, np.minimum(LONGEST, 1.5 * limit))
         size = np.max(np.abs(step), axis=1)
-        floor = (size < ROUND_OFF) & (size >= 0.5 * last)
-        arrived = active & ((size <= TOLERANCE) | floor)
+        arrived = active & settled_in(size, last)
         unstable |= arrived & ~definite
         active &= ~arrived
         if not active.any():
@@ -187,6 +186,62 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
     _note(reasons, lost, _no_deformation(statics, search, theta))
     return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
+
+
+def put_on(
+    begin: Callable[[np.ndarray], None], converge: Callable[[np.ndarray, float], np.ndarray], samples: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put loads on some samples, a mask, at once, or in more parts where their deformations do not converge.
+
+    Parameters
+    ----------
+    begin
+        Puts samples back to the beginning.
+    converge
+        Deforms samples under a share of the loads, and returns which of them converged.
+
+    Returns
+    -------
+    lost
+        Mask of the samples that no number of parts helps.
+    reached
+        The largest share with which a deformation was found, shape (n_samples,).
+    """
+    lost, reached = samples.copy(), np.zeros(samples.size)
+    for n_parts in SHARES:
+        going = lost.copy()
+        begin(going)
+        for part in range(1, n_parts + 1):
+            going &= converge(going, part / n_parts)
+            if not going.any():
+                break
+            reached[going] = np.maximum(reached[going], part / n_parts)
+        lost &= ~going
+        if not lost.any():
+            break
+    return lost, reached
+
+
+def iterate_at_rest(correct: Callable[[np.ndarray], np.ndarray], samples: np.ndarray) -> np.ndarray:
+    """Correct some samples, a mask, each to its own convergence; return which of them converged.
+
+    `correct` does one correction of a mask of them, and returns its sizes.
+    """
+    active, found, last = samples.copy(), np.zeros_like(samples), np.full(samples.size, np.inf)
+    for _ in range(MAX_CORRECTIONS):
+        size = correct(active)
+        done = active & settled_in(size, last)
+        found |= done
+        active &= ~done & np.isfinite(size)
+        last = size
+        if not active.any():
+            break
+    return found
+
+
+def settled_in(size: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return which corrections, after others of the size `last`, are small or no longer become smaller."""
+    return (size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= 0.5 * last))
 
 
 def _slopes(

@@ -27,7 +27,6 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import along
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
@@ -39,7 +38,7 @@ def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
     connection = mechanism.connection(entry.joint)
     place = {"a": connection.a, "b": connection.b}
     if slides(mechanism.scene, entry):
-        return {"statement": along(np.array(mechanism.scene.joints[entry.joint].axes[0])), **place}
+        return {"statement": connection.measure("sliding"), **place}
     numbers = [k for k, c in enumerate(mechanism.coordinates) if c.connection is connection]
     return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}
 

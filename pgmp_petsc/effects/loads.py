@@ -4,7 +4,7 @@ A force with a direction of the ground on a node is a load; one that turns with 
 point, and any force on a rigid body away from its centre of mass depend on the state, and are actions: on the place of
 the point along the direction, or on its distance from the other one.
 
-A torque in a revolute joint: a couple on the second body and its reaction on the first, over time.
+A torque in a joint that turns: a couple on the second body and its reaction on the first, over time.
 
 Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term.
 """
@@ -40,14 +40,13 @@ GROUND_ORIGIN = "ground:origin"
 
 
 class Torque(OverTime):
-    """A torque (Nm) over time on a revolute or cylindrical joint: it turns the second body, and its reaction the
-    first."""
+    """A torque (Nm) over time on a joint that turns: it acts on the second body, and its reaction on the first."""
 
     type: Literal["torque"]
     acts = "forces"
     joints = ("turning",)
     strength_unit = "N m"
-    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+    joint: str = Field(description="name of a joint that turns")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if steps do not resolve it."""
@@ -141,7 +140,7 @@ class Gravity(EffectEntry):
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
     """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and not c.joint.holds_position for c in mechanism.connections)
+    return any(c.b.node == point.node and not c.holds_position for c in mechanism.connections)
 
 
 class FixedForce(Effect):

@@ -202,7 +202,7 @@ class SpringDamper(OnJoint):
     changeable = ("stiffness", "damping", "rest")
     stiff_by = strength = "stiffness"
     local = True
-    joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
+    joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
     stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(
         0.0, description="Nm/rad or N/m, a number or a parameter's name"

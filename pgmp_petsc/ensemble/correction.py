@@ -13,8 +13,7 @@ from pgmp_petsc.ensemble.checkpoint import Columns
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
 from pgmp_petsc.models import Model
-from pgmp_petsc.results.corrected import Corrected, Figure, Joined
-from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
 from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene

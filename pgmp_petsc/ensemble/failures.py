@@ -6,7 +6,7 @@ parameters tell failed samples from fine ones: the test of Mann and Whitney (194
 distance from the median for both ends or the middle.
 
 A second try takes over the samples that are fine as they are, and integrates the others with the scene's step and,
-where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8 (`dynamics.smaller_steps`):
+where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8 (`dynamics.generalised_alpha`):
 the file is what one run with so many attempts gives.
 """
 
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, RETRIED
+from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, RETRIED
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked
 from pgmp_petsc.ensemble.sample_file import read_samples

@@ -13,11 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
+from pgmp_petsc.dynamics.drivers import check_ts_options
+from pgmp_petsc.dynamics.generalised_alpha import (
+    DIVISORS,
+    Attempt,
+    Run,
+    Together,
+    integrate,
+    integrate_with_smaller_steps,
+)
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within

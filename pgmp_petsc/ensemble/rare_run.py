@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from pgmp_petsc.dynamics.ts_options import check_ts_options
+from pgmp_petsc.dynamics.drivers import check_ts_options
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
@@ -26,26 +26,11 @@ from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
-from pgmp_petsc.models import (
-    REDUCED,
-    FullModel,
-    LengthLanes,
-    Model,
-    ReducedModel,
-    of_samples,
-)
+from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
-from pgmp_petsc.results.rare_event import MostLikely, RareEvent
+from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import (
-    InputError,
-    PgmpError,
-    Remark,
-    nearest_name,
-    note,
-    shortened,
-    warning,
-)
+from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings

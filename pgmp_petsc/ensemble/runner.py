@@ -16,8 +16,7 @@ from pgmp_petsc.ensemble.integration import Integration
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.models import Model
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.shard import ShardSamples
+from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings

@@ -16,8 +16,7 @@ from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.shard import Place, ShardSamples
+from pgmp_petsc.results.ensemble import Ensemble, Place, ShardSamples
 from pgmp_petsc.runtime.errors import InputError, Remark
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.timings import Timings

@@ -51,8 +51,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
-from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
-from pgmp_petsc.results.stopping import Stopping, reach_of
+from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
 from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.ensemble import Event

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.energies import Energies, RunningBalance
-from pgmp_petsc.dynamics.generalised_alpha import Run, TrailObserver, count_steps
+from pgmp_petsc.dynamics.generalised_alpha import Observer, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
@@ -25,9 +25,8 @@ from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
-from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.ensemble import EXTREMES
-from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
@@ -68,7 +67,7 @@ class Watch(Protocol):
         Takes in the states of the whole run.
     """
 
-    observer: TrailObserver
+    observer: Observer
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was found once the run has ended with the given status of all its samples.
@@ -195,7 +194,7 @@ class _ValidityWatch:
 
 
 class BalanceWatcher:
-    """Draws up the balance of energy of every sample; see `results.balance`."""
+    """Draws up the balance of energy of every sample; see `results.estimates`."""
 
     def empty(self, n: int) -> Found:
         """Return the arrays of n samples of which nothing is known."""
@@ -206,10 +205,8 @@ class BalanceWatcher:
         return _BalanceWatch(begun.system, begun.samples)
 
 
-class _BalanceWatch:
+class _BalanceWatch(Observer):
     """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
-
-    every = 1
 
     def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
         self._system, self._samples = system, samples
@@ -247,7 +244,7 @@ class _BalanceWatch:
         return {"balance": dict(zip(BALANCE, kept))}
 
 
-class RangeWatch:
+class RangeWatch(Observer):
     """Sees which samples of a run leave the range, and when.
 
     Parameters
@@ -256,16 +253,9 @@ class RangeWatch:
         The model, some of whose outputs are deformations, and its samples.
     """
 
-    every = 1
-
     def __init__(self, model: FullModel | SeparateLengths, system: SecondOrderSystem) -> None:
         self._model, self._system = model, system
         self._time = np.full(system.n_samples, np.inf)
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps."""
-        for number, time, parts in zip(numbers, times, trail):
-            self(int(number), float(time), State(*parts, np.zeros(0)))
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""
@@ -339,7 +329,7 @@ class OverTimeWatcher:
         return _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
 
 
-class _OverTimeWatch:
+class _OverTimeWatch(Observer):
     """Looks at one run; `steps` are the numbers of those of the bands in this run."""
 
     def __init__(self, model: Model, begun: Begun, extremes: bool, events: dict[str, Event], steps: np.ndarray) -> None:
@@ -363,7 +353,7 @@ class _OverTimeWatch:
             self._see(number, time, state)
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `TrailObserver`."""
+        """Take in the states after many steps; see `Observer`."""
         looked_at = np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
         if not isinstance(self._model, REDUCED):
             for k in looked_at:

@@ -18,7 +18,7 @@ import numpy as np
 
 from pgmp_petsc import __version__
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.results.body_fields import GROUP, PLACES
+from pgmp_petsc.results.trajectory import GROUP, PLACES
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take

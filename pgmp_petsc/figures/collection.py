@@ -12,19 +12,24 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from pgmp_petsc.figures.densities import densities, labels_of as densities_labels
-from pgmp_petsc.figures.designs import design, fit, sensitivities
-from pgmp_petsc.figures.differences import mechanism_key, tell_apart
-from pgmp_petsc.figures.ensembles import bands, joined, rare_event, sobol, stopping
+from pgmp_petsc.figures.captions import mechanism_key, tell_apart
+from pgmp_petsc.figures.ensembles import (
+    bands,
+    densities,
+    joined,
+    labels_of as densities_labels,
+    rare_event,
+    sobol,
+    stopping,
+)
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps, labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import energies, labels_of, paired, trajectories
-from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.readers import READERS
+from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
+from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.claims import check_folder, check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file

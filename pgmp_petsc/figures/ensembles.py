@@ -1,4 +1,6 @@
-"""Outputs of an ensemble over time: mean, and bands between quantiles.
+"""Densities of the parameters and outputs of ensembles (as Figs. 5 and 6 of Naets et al. 2015).
+
+Outputs of an ensemble over time: mean, and bands between quantiles.
 
 Sobol indices of an ensemble's outputs: which parameters their variance comes from.
 
@@ -11,29 +13,252 @@ A rare event: the probability of beyond every value, level by level, and at the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
-from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures import captions
+from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.style import (
     COMPONENT_COLOUR,
     FULL_COLOUR,
+    MODELS,
     PALETTE,
     QUIET,
     REDUCED_COLOUR,
+    PlainNumbers,
     axis_label,
     axis_unit,
+    distinct_colours,
     heading,
     new_figure,
     span,
     styled,
     top_legend,
 )
-from pgmp_petsc.results import Band, Ensemble
-from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results import Band, Ensemble, Statistics
+from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+
+COLUMNS = 3
+LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
+NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
+DASHES = (0, (4, 3))
+BAND = "#F3F3F3"
+
+
+@styled
+def densities(
+    ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
+) -> Figure:
+    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
+
+    The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in as
+    many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples, as
+    in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
+    first ensemble's mean. Above each panel stand mean and standard deviation, each with its confidence interval in
+    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
+    peak.
+
+    Parameters
+    ----------
+    ensembles : sequence of Ensemble
+        The first is drawn as an area, the others as steps over it.
+    labels : sequence of str, optional
+        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
+    names : sequence of str, optional
+        Only these quantities, in this order.
+
+    Raises
+    ------
+    InputError
+        If the ensembles do not share one of `names`, or have no quantity in common or one has no sample that is fine.
+    """
+    labels = labels_of(ensembles) if labels is None else labels
+    names = _common(ensembles, names)
+    compared = len(ensembles) == 2
+    n_columns = min(len(names), COLUMNS)
+    n_blocks = -(-len(names) // n_columns)
+    ratios = ([2.8, 1.0] if compared else [1.0]) * n_blocks
+    rows_a_block = len(ratios) // n_blocks
+    figure = new_figure(max(3.6 * n_columns, 5.0), (4.1 if compared else 3.1 + 0.3 * len(ensembles)) * n_blocks + 0.65)
+    panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
+    colours = _colours(ensembles)
+    for place in range(n_blocks * n_columns):
+        row, column = rows_a_block * (place // n_columns), place % n_columns
+        block = panels[row : row + rows_a_block, column]
+        if place < len(names):
+            _draw_quantity(block, ensembles, names[place], colours)
+        else:
+            for axes in block:
+                axes.set_visible(False)
+    keys = [
+        Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
+        for number, (label, colour) in enumerate(zip(labels, colours))
+    ]
+    keys.append(Line2D([], [], color=QUIET, linestyle=DASHES, linewidth=1.0, label="mean"))
+    if any(np.isfinite(ensembles[0].statistics[name].std) for name in names):
+        beside = "" if len(ensembles) == 1 else " of the first"
+        keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
+    levels = sorted({ensemble.statistics[name].confidence for ensemble in ensembles for name in names})
+    brackets = " and ".join(f"{100 * level:g} %" for level in levels)
+    keys.append(Line2D([], [], linestyle="none", label=f"[ ]: {brackets} interval"))
+    what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
+    top_legend(figure, keys, what, _notes(ensembles, labels))
+    return figure
+
+
+def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
+    """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
+    kinds = [_label(ensemble) for ensemble in ensembles]
+    apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
+    return [
+        text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)
+    ]
+
+
+def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
+    """Return what has to be known besides: samples that failed, and warnings."""
+    several = len(ensembles) > 1
+    failed = [
+        f"{label + ': ' if several else ''}the failed samples are in no density and no mean, which may bias them"
+        for ensemble, label in zip(ensembles, labels)
+        if ensemble.status.any()
+    ]
+    return [*failed, *captions.of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
+
+
+def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]) -> None:
+    """Draw the densities of one quantity and, with two of them, their difference."""
+    known = [ensemble.statistics[name] for ensemble in ensembles]
+    factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
+    edges, heights = _densities(ensembles, name)
+    edges, heights = edges * factor, [height / factor for height in heights]
+    axes = block[0]
+    if np.isfinite(known[0].std):
+        mean, std = factor * known[0].mean, factor * known[0].std
+        axes.axvspan(mean - std, mean + std, color=BAND, zorder=0.5, linewidth=0)
+    for number, (one, height, colour) in enumerate(zip(known, heights, colours)):
+        if number == 0:
+            axes.stairs(height, edges, fill=True, color=_tint(colour))
+        axes.stairs(height, edges, color=colour, linewidth=1.4 if number else 1.1)
+        axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
+    axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(known))
+    axes.yaxis.set_major_formatter(PlainNumbers())
+    axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
+    _write_moments(axes, known, colours, factor, unit)
+    if len(block) > 1:
+        axes.tick_params(labelbottom=False)
+        block[1].sharex(axes)
+        difference = 100.0 * (heights[1] - heights[0]) / heights[0].max()
+        block[1].stairs(difference, edges, baseline=0.0, fill=True, color=colours[1])
+        block[1].axhline(0.0, color=QUIET, linewidth=0.8)
+        block[1].set_ylabel("difference\n(% of peak)")
+        reach = max(np.abs(block[1].get_ylim()).max(), 1.0)
+        block[1].set_ylim(-1.1 * reach, 1.1 * reach)
+    block[-1].set_xlabel(axis_label(name, unit))
+
+
+def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
+    """Write mean and standard deviation with their intervals above the axes, two lines for each ensemble."""
+    shown = "" if unit in ("", "1") else f" {unit}"
+    for number, (one, colour) in enumerate(zip(known, colours)):
+        mean = _with_interval(factor * one.mean, factor * one.mean_interval)
+        std = _with_interval(factor * one.std, factor * one.std_interval)
+        spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
+        spread = "constant" if one.constant else spread
+        text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
+        longest = max(map(len, text.splitlines()))
+        note = axes.annotate(
+            text.replace("-", "\N{MINUS SIGN}"),
+            xy=(0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
+            textcoords="offset points",
+            fontsize=NOTE_SIZE * min(1.0, NOTE_LENGTH / longest),
+            color=colour,
+        )
+        # a long line must not narrow the panels
+        note.set_in_layout(False)
+
+
+def _with_interval(value: float, ends: np.ndarray) -> str:
+    """Return a value with as many decimals as two digits of its interval's width have: ``5.601 [5.583, 5.619]``."""
+    width = float(ends[1] - ends[0])
+    if not np.isfinite(width) or width <= 0.0:
+        return f"{value:.5g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(width))))
+    if decimals >= 13:
+        return f"{value:.5g}"
+    return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
+
+
+def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return edges of bins and the densities of all ensembles there, in the quantity's unit."""
+    known = [ensemble.statistics[name] for ensemble in ensembles]
+    if len(known) == 1:
+        return known[0].edges, [known[0].pdf]
+    low, high = min(s.edges[0] for s in known), max(s.edges[-1] for s in known)
+    edges = np.linspace(low, high, max(s.pdf.size for s in known) + 1)
+    return edges, [np.histogram(_values(ensemble, name), edges, density=True)[0] for ensemble in ensembles]
+
+
+def _values(ensemble: Ensemble, name: str) -> np.ndarray:
+    """Return the values of a quantity that the statistics are of: outputs that are fine, parameters of all samples."""
+    values = (ensemble.parameters | ensemble.outputs)[name]
+    return values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
+
+
+def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
+    """Return the wanted quantities, or all whose statistics the ensembles have in common, parameters first."""
+    shared = [
+        name
+        for name in (*ensembles[0].parameters, *ensembles[0].outputs)
+        if all(name in ensemble.statistics for ensemble in ensembles)
+    ]
+    if not shared:
+        raise InputError("the ensembles have nothing in common; plot those of one scene together")
+    names = shared if wanted is None else list(wanted)
+    for name in names:
+        if name not in shared:
+            raise InputError(f"not every ensemble has '{name}'{nearest_name(name, shared)}")
+    for ensemble in ensembles:
+        for name in names:
+            if not ensemble.statistics[name].count:
+                what = f"no sample of the {ensemble.model} ensemble has a value of '{name}', or too many failed"
+                raise InputError(f"{what}; pgmp info says which")
+    return names
+
+
+def _label(ensemble: Ensemble) -> str:
+    """Return the model and how many of its samples are fine."""
+    n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
+    count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
+    return f"{MODELS[ensemble.model]}, {count}"
+
+
+def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
+    """Return the models' colours, or the palette's where there are several ensembles of one model."""
+    models = [ensemble.model for ensemble in ensembles]
+    if len(set(models)) < len(models):
+        return distinct_colours(len(models))
+    return [{"full": FULL_COLOUR, "components": COMPONENT_COLOUR}.get(model, REDUCED_COLOUR) for model in models]
+
+
+def _tint(colour: str) -> str:
+    """Return a colour mixed with white, for areas."""
+    parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
+    return "#" + "".join(f"{round(255 - 0.3 * (255 - part)):02X}" for part in parts)
+
 
 COLOURS = {"full": FULL_COLOUR, "components": COMPONENT_COLOUR, "reduced": REDUCED_COLOUR}
 OPACITY = 0.45  # of all bands over each other, where they are darkest
@@ -65,7 +290,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    notes = cautions.of_records([ensemble.record])
+    notes = captions.of_records([ensemble.record])
     top_legend(figure, keys, heading("Outputs over time", ensemble.record, label), notes)
     return figure
 
@@ -89,7 +314,7 @@ def pairs_of(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | No
     return pairs, order[n // 2] if n % 2 else None
 
 
-COLUMNS = 3
+BAND_COLUMNS = 3
 HEIGHT = 0.36  # of a bar, where the distance of parameters is 1
 FIRST, TOTAL = PALETTE[0], PALETTE[4]
 
@@ -99,7 +324,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw first and, where they are known, total indices of every output with their intervals, one panel each."""
     names = list(ensemble.sobol)
     one = ensemble.sobol[names[0]]
-    n_columns = min(len(names), COLUMNS)
+    n_columns = min(len(names), BAND_COLUMNS)
     n_rows = -(-len(names) // n_columns)
     height = 0.9 + (0.75 + 0.42 * len(one.parameters)) * n_rows
     figure = new_figure(max(3.4 * n_columns, 6.4), height)
@@ -124,7 +349,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
     what = heading("Sobol indices of outputs", ensemble.record, label)
-    top_legend(figure, keys, what, cautions.of_records([ensemble.record]))
+    top_legend(figure, keys, what, captions.of_records([ensemble.record]))
     return figure
 
 
@@ -142,7 +367,7 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
     axes.set_ylabel("half the interval / what was wanted")
-    top_legend(figure, keys, heading("precision at every look", ensemble.record, label), cautions.of_records(
+    top_legend(figure, keys, heading("precision at every look", ensemble.record, label), captions.of_records(
         [ensemble.record]))  # fmt: skip
     return figure
 
@@ -186,7 +411,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
     what = heading(
         f"{best} model from few samples of it, {100 * found.confidence:g} % intervals", ensemble.record, label
     )
-    top_legend(figure, [], what, cautions.of_records([ensemble.record]))
+    top_legend(figure, [], what, captions.of_records([ensemble.record]))
     return figure
 
 
@@ -213,5 +438,5 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_xlabel(axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
     what = heading(found.event.replace("_", " "), found.record, label)
-    top_legend(figure, keys, what, cautions.of_records([found.record]))
+    top_legend(figure, keys, what, captions.of_records([found.record]))
     return figure

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pgmp_petsc.figures import cautions
-from pgmp_petsc.figures.differences import OF_RUNS, WITHOUT_EFFECT, tell_apart
-from pgmp_petsc.figures.shapes import TimeColours
+from pgmp_petsc.figures import captions
+from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
+from pgmp_petsc.figures.mechanism import TimeColours
 from pgmp_petsc.figures.style import (
     MODELS,
     QUIET,
@@ -93,7 +93,7 @@ def frequencies(
         keys.append(Line2D([], [], color=line_colour, label="full order"))
         keys.append(Line2D([], [], color=line_colour, linestyle="none", marker="x", label="reduced"))
     what = "Eigenfrequencies, full order" + (" and reduced" if reduced else "")
-    notes = cautions.of_records([table.record for table in tables], labels)
+    notes = captions.of_records([table.record for table in tables], labels)
     top_legend(figure, keys, heading(what, tables[0].record, "" if several else labels[0]), notes)
     return figure
 
@@ -172,7 +172,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         if mode % n_columns == 0:
             axes.set_ylabel(axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
-    top_legend(figure, [], heading(what, table.record, label), cautions.of_records([table.record]))
+    top_legend(figure, [], heading(what, table.record, label), captions.of_records([table.record]))
     return figure
 
 
@@ -208,7 +208,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     bar.outline.set_visible(False)
     bar.set_label("time (s)")
     what = heading(f"Path of the coordinates, {MODELS[trajectory.model]}", trajectory.record, label)
-    top_legend(figure, keys, what, cautions.of_runs([trajectory]))
+    top_legend(figure, keys, what, captions.of_runs([trajectory]))
     return figure
 
 

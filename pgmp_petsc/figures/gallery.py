@@ -23,10 +23,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
+from pgmp_petsc.figures.mechanism import Shapes, TimeColours
 from pgmp_petsc.figures.motion import motion_of
-from pgmp_petsc.figures.shapes import Shapes, TimeColours
-from pgmp_petsc.figures.solids import has_solids
-from pgmp_petsc.figures.stage import COLOURS, Stage, bounds_of
+from pgmp_petsc.figures.solids import COLOURS, Stage, bounds_of, has_solids
 from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, save, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.ending import guarded

@@ -1,21 +1,248 @@
-"""Surfaces of bodies in colours, with title, units, scale and notes around them: as pictures, and for films."""
+"""Bodies drawn in space, without a screen: pyvista and VTK make the picture, matplotlib what stands around it.
+
+Both are imported when something is drawn. Where there is no display, VTK draws by EGL or OSMesa.
+
+
+Surfaces of bodies in colours, with title, units, scale and notes around them: as pictures, and for films.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import os
 from collections.abc import Iterator
+from contextlib import suppress
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 
-from pgmp_petsc.figures.motion import Motion, motion_of
-from pgmp_petsc.figures.stage import COLOURS, PLAIN, RIGID, Stage, bounds_of, drawing
+from pgmp_petsc.figures.motion import Motion, Skin, motion_of
 from pgmp_petsc.figures.style import QUIET, RESOLUTION, axis_unit, new_figure, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    import pyvista
+
+COLOURS = "viridis"
+RIGID, PLAIN = "#B9BEC4", "#7FA6C9"
+EDGE = "#3A3A3A"
+WINDOWS = {"vtkEGLRenderWindow": "libEGL.so.1", "vtkOSOpenGLRenderWindow": "libOSMesa.so.8"}
+OLDEST = (9, 4)  # of VTK: older ones end the process where there is no display
+THINNEST = 1.5e-3  # radius of beams over the size of the picture: thinner ones are drawn so
+MARGIN = 1.06
+# How far from the axis of least extent a mechanism in space is seen: along up and to the side.
+TILT = (0.5, 0.4)
+SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
+
+
+def drawing() -> ModuleType:
+    """Return pyvista, ready to draw without a screen.
+
+    Raises
+    ------
+    InputError
+        If it cannot be imported, or cannot draw here; with the cure.
+    """
+    try:
+        if not os.environ.get("DISPLAY"):
+            # VTK looks for a display first, and complains of none; without the library that it needs it crashes
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", _window_without_display())
+        import pyvista
+    except ImportError as error:
+        raise InputError(
+            f"surfaces are drawn by pyvista, which cannot be imported ({error}); pip install 'pyvista<0.47', or look "
+            "at mechanism.png of pgmp plot"
+        ) from error
+    found = tuple(pyvista.vtk_version_info)[:2]
+    if found < OLDEST and not os.environ.get("DISPLAY"):
+        raise InputError(
+            f"surfaces: VTK {'.'.join(map(str, found))} cannot draw without a display; pip install 'vtk>=9.4', or set "
+            "DISPLAY"
+        )
+    return pyvista
+
+
+def _window_without_display() -> str:
+    """Return the kind of VTK's window that draws without a display."""
+    for window, library in WINDOWS.items():
+        with suppress(OSError):
+            ctypes.CDLL(library)
+            return window
+    raise InputError(
+        f"surfaces cannot be drawn without a display: none of {', '.join(WINDOWS.values())} is installed; on Debian "
+        "apt-get install libegl1 libgl1-mesa-dri, or set DISPLAY"
+    )
+
+
+def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
+    """Return the directions of a picture to the right, up and towards the eye, shape (3, 3), for places (n, 3)."""
+    if flat:
+        return np.eye(3)
+    thin = int(np.argmin(np.ptp(points, axis=0)))
+    up = np.eye(3)[1 if thin == 2 else 2]
+    towards = np.eye(3)[thin] * (-1.0 if thin == 1 else 1.0)
+    side = np.cross(up, towards)
+    eye = towards + TILT[0] * up + TILT[1] * side
+    eye /= np.linalg.norm(eye)
+    right = np.cross(up, eye)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(eye, right), eye])
+
+
+class Stage:
+    """Bodies in front of a camera that sees all of their motion; to be closed.
+
+    Parameters
+    ----------
+    motion
+        What is drawn.
+    width, height
+        Of the picture, in pixels.
+
+    Attributes
+    ----------
+    metre
+        Pixels that a metre across the line of sight has.
+    """
+
+    def __init__(self, motion: Motion, width: int, height: int) -> None:
+        self._pyvista = drawing()
+        self._motion = motion
+        low, high, view = bounds_of(motion)
+        half = MARGIN * 0.5 * np.maximum(high - low, 1e-12)
+        reach = max(half[1], half[0] * height / width)
+        self.metre = 0.5 * height / reach
+        self._thinnest = THINNEST * 2.0 * reach * width / height
+        self._plotter = self._pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
+        try:
+            self._plotter.set_background("white")
+            self._plotter.enable_anti_aliasing("ssaa")
+            self._drawn = [_Drawn(self._pyvista, self._plotter, skin, motion, self._thinnest) for skin in motion.skins]
+            depth = float(np.ptp(motion.points @ view[2]))
+            centre = 0.5 * (low + high)
+            middle = centre @ view[:2] + float(np.mean(motion.points @ view[2])) * view[2]
+            camera, away = self._plotter.camera, 2.0 * (depth + reach)
+            camera.parallel_projection = True
+            camera.focal_point, camera.position = middle, middle + away * view[2]
+            camera.up, camera.parallel_scale = view[1], reach
+            camera.clipping_range = (1e-3 * away, 4.0 * away)
+        except BaseException:
+            self.close()
+            raise
+
+    def picture(self, number: int) -> np.ndarray:
+        """Return the picture of an instant, shape (height, width, 3), of bytes."""
+        for drawn in self._drawn:
+            drawn.show(number)
+        self._plotter.render()
+        return np.asarray(self._plotter.screenshot(return_img=True, transparent_background=False))[:, :, :3]
+
+    def close(self) -> None:
+        """Free what VTK holds."""
+        self._plotter.close()
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def bounds_of(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the corners (2,) of what a picture has to hold, in its own directions, m, and these, shape (3, 3)."""
+    points = motion.points
+    view = view_of(points, motion.flat)
+    across = points @ view[:2].T
+    thick = max(skin.radius for skin in motion.skins)
+    return across.min(axis=0) - thick, across.max(axis=0) + thick, view
+
+
+class _Drawn:
+    """A body on the stage."""
+
+    def __init__(
+        self, pyvista: ModuleType, plotter: pyvista.Plotter, skin: Skin, motion: Motion, thinnest: float
+    ) -> None:
+        self._pyvista, self._skin, self._largest = pyvista, skin, motion.largest
+        self._radius = max(skin.radius, thinnest)
+        look = {
+            "ambient": 0.3,
+            "diffuse": 0.75,
+            "specular": 0.1,
+            "lighting": not motion.flat or not len(skin.triangles),
+        }
+        colour = (
+            {"rgb": True, "scalars": "rgb"} if skin.values is not None else {"color": RIGID if skin.rigid else PLAIN}
+        )
+        self._edges = None
+        if len(skin.triangles):
+            self._mesh = self._split()
+            self.show(0)
+            plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
+            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
+            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
+            actor.mapper.resolve = "polygon_offset"
+            return
+        if len(skin.edges):
+            lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
+            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
+            self._line["number"] = np.arange(skin.points.shape[1])
+            self._line = self._line.strip()
+        self._mesh = self._solid(0)
+        self._actor = plotter.add_mesh(self._mesh, smooth_shading=True, show_scalar_bar=False, **look, **colour)
+
+    def show(self, number: int) -> None:
+        """Put the body where it is at an instant."""
+        skin = self._skin
+        if not len(skin.triangles):
+            self._mesh.copy_from(self._solid(number))
+            return
+        self._mesh.points = skin.points[number][self._mesh["number"]]
+        if skin.values is not None:
+            self._mesh["rgb"] = self._rgb(number, self._mesh["number"])
+        if self._skin.points[..., 2].any():
+            self._mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False, inplace=True)
+        if self._edges is not None:
+            self._edges.points = skin.points[number]
+
+    def _split(self) -> pyvista.PolyData:
+        """Return the surface with its nodes split at sharp edges, and their numbers."""
+        skin = self._skin
+        faces = np.column_stack([np.full(len(skin.triangles), 3), skin.triangles])
+        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=faces.ravel())
+        mesh["number"] = np.arange(skin.points.shape[1])
+        if not skin.points[..., 2].any():
+            return mesh
+        return mesh.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SPLIT)
+
+    def _solid(self, number: int) -> pyvista.PolyData:
+        """Return beams as tubes, or a point mass as a ball."""
+        skin = self._skin
+        if not len(skin.edges):
+            return self._pyvista.Sphere(radius=3.0 * self._radius, center=skin.points[number][0])
+        self._line.points = skin.points[number][self._line["number"]]
+        if skin.values is not None:
+            self._line["rgb"] = self._rgb(number, self._line["number"])
+        tube = self._line.tube(radius=self._radius, n_sides=20, capping=True)
+        if skin.values is not None:
+            tube.set_active_scalars("rgb")  # VTK draws what is active
+        return tube
+
+    def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
+        """Return colours of nodes as bytes, shape (n, 3); grey where the value is not known."""
+        values = self._skin.values[number][nodes]
+        found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
+        found[~np.isfinite(values)] = to_rgb(QUIET)
+        return (255.0 * found).round().astype(np.uint8)
+
 
 WIDTH = 8.6  # inches
 LOWEST, HIGHEST = 2.2, 6.6

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.style import (
     COMPONENT_COLOUR,
     FULL_COLOUR,
@@ -356,4 +356,4 @@ def _notes(study: Tradeoff) -> list[str]:
     counts = {"failed": int(np.sum(unknown & ~timed)), "have times alone": int(np.sum(unknown & timed))}
     n = len(study.families)
     failed = [f"{k} of {n} settings {what} and are not drawn: see pgmp info" for what, k in counts.items() if k]
-    return [*failed, *cautions.of_records([study.record])]
+    return [*failed, *captions.of_records([study.record])]

@@ -1,6 +1,13 @@
 """Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
 
 The balance of energy of a run: what is stored, what the effects brought, and what is left over.
+
+
+A design: how the search went, and outputs at its start and of the design.
+
+A fit: what was measured, the run that was begun with, the fitted one, and what is left.
+
+What one change of each parameter does to the outputs of a run, over time.
 """
 
 from __future__ import annotations
@@ -17,24 +24,27 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pgmp_petsc.figures import cautions
-from pgmp_petsc.figures.differences import same_case, tell_apart
+from pgmp_petsc.figures import captions
+from pgmp_petsc.figures.captions import same_case, tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     MODELS,
     PALETTE,
     QUIET,
+    REDUCED_COLOUR,
     PlainNumbers,
     axis_label,
     axis_unit,
     distinct_colours,
     heading,
     new_figure,
+    quantity,
     span,
     styled,
     top_legend,
 )
-from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
+from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
 from pgmp_petsc.runtime.errors import InputError
 
@@ -74,7 +84,7 @@ class Comparison:
     @property
     def planned(self) -> float:
         """Instant at which the run was to end, s."""
-        return max(map(cautions.planned_end, self.runs))
+        return max(map(captions.planned_end, self.runs))
 
     @property
     def is_whole(self) -> bool:
@@ -182,7 +192,7 @@ def trajectories(
             for axes in block:
                 axes.set_visible(False)
 
-    notes = cautions.of_runs(*_labelled_runs(comparisons, labels))
+    notes = captions.of_runs(*_labelled_runs(comparisons, labels))
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
     alone = labels[0] if len(comparisons) == 1 else ""
@@ -220,7 +230,7 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
             look = {"color": FULL_COLOUR if id(line) in shared else colour}
             axes.plot(line.time, line.outputs[output] * factor, **look)
             drawn.add(id(line))
-        for run in filter(cautions.ended_early, comparison.runs):
+        for run in filter(captions.ended_early, comparison.runs):
             axes.plot(run.time[-1], run.outputs[output][-1] * factor, "s", color=colour, markersize=6.0, clip_on=False)
         if line.errors is not None:
             # against a full-order run, the errors have a panel of their own
@@ -246,7 +256,7 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
         _draw_errors(block[1], comparisons, output)
-    span(axes, min(run.time[0] for run in runs), max(cautions.planned_end(run) for run in runs))
+    span(axes, min(run.time[0] for run in runs), max(captions.planned_end(run) for run in runs))
     block[-1].set_xlabel("time (s)")
 
 
@@ -280,7 +290,7 @@ def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Arti
         keys.append(Line2D([], [], color=plain, linestyle="none", marker="x", label="reduced"))
     if any(comparison.runs[0].errors is not None for comparison in comparisons):
         keys.append(Patch(color=plain, alpha=0.25, linewidth=0.0, label="estimated error"))
-    if any(cautions.ended_early(run) for comparison in comparisons for run in comparison.runs):
+    if any(captions.ended_early(run) for comparison in comparisons for run in comparison.runs):
         keys.append(Line2D([], [], color=plain, linestyle="none", marker="s", markersize=6.0, label="ended early"))
     return keys
 
@@ -323,11 +333,11 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     for axes, (title, curves) in zip(panels, groups.items()):
         _draw_curves(axes, trajectory.time, curves, title)
     _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged)
-    span(panels[-1], trajectory.time[0], cautions.planned_end(trajectory))
+    span(panels[-1], trajectory.time[0], captions.planned_end(trajectory))
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
     what = heading(f"Balance of energy, {MODELS[trajectory.model]}", trajectory.record, label)
-    top_legend(figure, [], what, cautions.of_runs([trajectory]))
+    top_legend(figure, [], what, captions.of_runs([trajectory]))
     return figure
 
 
@@ -353,3 +363,103 @@ def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged
         axes.set_ylim(10.0**-DECADES * largest, 3.0 * largest)
     factor, unit = axis_unit("J", np.array([exchanged]))
     axes.set_title(f"residual, as a share of the {exchanged * factor:.3g} {unit} exchanged: at most {largest:.1e}")
+
+
+@styled
+def design(found: Design, label: str = "") -> Figure:
+    """Draw the goal of the designs that were tried, and below it every output at the start and of the design."""
+    n = len(found.designed)
+    figure = new_figure(7.2, 1.0 + 1.8 * (1 + n))
+    panels = figure.subplots(1 + n, 1, squeeze=False)[:, 0]
+    panels[0].plot(np.arange(1, 1 + len(found.goals)), found.goals, color=PALETTE[0], marker=".")
+    panels[0].set_xlabel("design that was tried")
+    panels[0].set_ylabel("goal")
+    for axes, (name, values) in zip(panels[1:], found.designed.items()):
+        factor, unit = axis_unit(found.units.get(name, "1"), values, found.begun[name])
+        axes.plot(found.time, factor * found.begun[name], color=QUIET, linestyle=":")
+        axes.plot(found.time, factor * values, color=REDUCED_COLOUR)
+        axes.set_ylabel(axis_label(name, unit))
+        span(axes, found.time[0], found.time[-1])
+    panels[-1].set_xlabel("time (s)")
+    begun, ended = (
+        ", ".join(quantity(p.name, value, p.unit) for p, value in zip(found.parameters, row))
+        for row in zip(*((p.start, p.value) for p in found.parameters))
+    )
+    keys = [
+        Line2D([], [], color=QUIET, linestyle=":", label=f"at the start, {begun}"),
+        Line2D([], [], color=REDUCED_COLOUR, label=f"design, {ended}"),
+    ]
+    captions.headed(figure, keys, f"Design, {found.goal}", found.record, label)
+    return figure
+
+
+MEASURED = PALETTE[0]
+
+
+@styled
+def fit(found: Fit, label: str = "") -> Figure:
+    """Draw every output over time (left), and what is left of it (right), a row each."""
+    figure = new_figure(8.6, 1.0 + 1.9 * len(found.outputs))
+    panels = figure.subplots(len(found.outputs), 2, sharex=True, squeeze=False)
+    dots = {"linestyle": "", "marker": ".", "markersize": 3.0, "color": MEASURED}
+    for (left, right), (name, output) in zip(panels, found.outputs.items()):
+        factor, unit = axis_unit(output.unit, output.measured, output.fitted)
+        left.plot(found.time, factor * output.measured, **dots)
+        left.plot(found.time, factor * output.begun, color=QUIET, linestyle=":")
+        left.plot(found.time, factor * output.fitted, color=REDUCED_COLOUR)
+        left.set_ylabel(axis_label(name, unit))
+        rest = output.measured - output.fitted
+        factor, unit = axis_unit(output.unit, rest)
+        right.plot(found.time, factor * rest, **dots)
+        for side in (-2.0, 2.0):
+            right.axhline(factor * side * output.noise, color=QUIET, linewidth=0.8, linestyle="--")
+        right.set_ylabel(axis_label("left", unit))
+    for axes in panels[-1]:
+        span(axes, found.time[0], found.time[-1])
+        axes.set_xlabel("time (s)")
+    values = ", ".join(_with_error(p) for p in found.parameters)
+    keys = [
+        Line2D([], [], label="measured", **dots),
+        Line2D([], [], color=QUIET, linestyle=":", label="begun with"),
+        Line2D([], [], color=REDUCED_COLOUR, label=f"fitted, {values}"),
+        Line2D([], [], color=QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
+    ]
+    captions.headed(figure, keys, "Fit", found.record, label)
+    return figure
+
+
+def _with_error(parameter: FittedParameter) -> str:
+    """Return ``r1 = 6.001 ± 0.005 mm``."""
+    factor, unit = axis_unit(parameter.unit, np.array([parameter.estimate]))
+    shown = f"{parameter.name} = {factor * parameter.estimate:.4g}"
+    if not np.isfinite(parameter.error):
+        return f"{shown}, not identifiable"
+    shown = f"{shown} ± {factor * parameter.error:.1g}"
+    return shown if unit in ("", "1") else f"{shown} {unit}"
+
+
+@styled
+def sensitivities(found: Derivatives, label: str = "") -> Figure:
+    """Draw every output (left) and what a change of each parameter does to it (right), a row each."""
+    figure = new_figure(8.6, 0.9 + 1.9 * len(found.outputs))
+    panels = figure.subplots(len(found.outputs), 2, sharex=True, squeeze=False)
+    colours = distinct_colours(len(found.parameters))
+    for (left, right), (output, values) in zip(panels, found.outputs.items()):
+        unit = found.units.get(output, "1")
+        factor, shown = axis_unit(unit, values)
+        left.plot(found.time, factor * values, color=QUIET)
+        left.set_ylabel(axis_label(output, shown))
+        effects = [found.derivatives[output][name] * change for name, (change, _) in found.changes.items()]
+        factor, shown = axis_unit(unit, *effects)
+        for effect, colour in zip(effects, colours):
+            right.plot(found.time, factor * effect, color=colour)
+        right.set_ylabel(axis_label("change", shown))
+    for axes in panels[-1]:
+        span(axes, found.time[0], found.time[-1])
+        axes.set_xlabel("time (s)")
+    keys = []
+    for (name, (change, what)), colour in zip(found.changes.items(), colours):
+        text = quantity(name, change, found.units.get(name, "1")).replace(" = ", " + ")
+        keys.append(Line2D([], [], color=colour, label=f"{text}, {what}"))
+    captions.headed(figure, keys, "Sensitivities, to first order", found.record, label)
+    return figure

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
-from pgmp_petsc.dynamics.event_location import EventLocation, Moment, Part
+from pgmp_petsc.dynamics.edge_search import EventLocation, Part, Place as Moment
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import LengthLanes, ReducedModel

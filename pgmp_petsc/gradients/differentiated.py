@@ -44,9 +44,8 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Attempt, Observer, Run, integrate, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
@@ -93,10 +92,8 @@ class DifferentiatedRun:
         return self.time[every], {name: values[every] for name, values in self.outputs.items()}
 
 
-class _Trail:
-    """Keeps all states of a run; see `TrailObserver`."""
-
-    every = 1
+class _Trail(Observer):
+    """Keeps all states of a run; see `Observer`."""
 
     def __init__(self, pulse: Callable[[int], object]) -> None:
         self._times: list[np.ndarray] = []

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.full_systems import FullBatch
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.indicator.sampled_load import SampledMotion, sampled_effects
 from pgmp_petsc.indicator.schedule import Schedule

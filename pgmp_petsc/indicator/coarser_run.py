@@ -30,7 +30,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Run, count_steps
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Observer, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import Model
@@ -155,7 +155,7 @@ def run_coarser(
     )  # fmt: skip
 
 
-class OutputRecord:
+class OutputRecord(Observer):
     """Keeps what the outputs are made of after every step; observes a run.
 
     Parameters
@@ -165,8 +165,6 @@ class OutputRecord:
     bar
         Shows the steps.
     """
-
-    every = 1
 
     def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
         self._model, self._system, self._bar = model, system, bar

@@ -12,7 +12,7 @@ from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS, MOST, CoarserRun, Ste
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.estimates import EstimatedErrors
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.dynamics.drivers import ERROR_PREFIX
+from pgmp_petsc.dynamics.full_systems import FullBatch
+from pgmp_petsc.dynamics.generalised_alpha import Observer, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.indicator.checking_model import CheckingModel
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
@@ -121,7 +121,7 @@ class ErrorIndicator:
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
 
 
-class _FinerRun:
+class _FinerRun(Observer):
     """The observer of a run with smaller steps, which keeps some of its states.
 
     Parameters
@@ -132,8 +132,6 @@ class _FinerRun:
         Of positions, velocities and accelerations: (3, n_samples, n_eta).
     """
 
-    every = 1
-
     def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
         self._place = places_of(kept)
         self.states = np.empty((kept.size, *shape))
@@ -143,15 +141,13 @@ class _FinerRun:
         self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
-        """Take in the states after many steps; see `TrailObserver`."""
+        """Take in the states after many steps; see `Observer`."""
         places = self._place[numbers]
         self.states[places[places >= 0]] = motion[places >= 0]
 
 
-class WatchedRun:
+class WatchedRun(Observer):
     """The run of one batch: its observer while it runs, its estimate afterwards."""
-
-    every = 1
 
     def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], samples: np.ndarray) -> None:
         self._indicator = indicator
@@ -165,10 +161,10 @@ class WatchedRun:
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        self._keep(np.array([number]), state.q[None])
+        self._keep(np.array([number]), np.array([[state.q, state.v]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `TrailObserver`."""
+        """Take in the states after many steps; see `Observer`."""
         self._keep(numbers, trail[:, :2])
 
     def _keep(self, numbers: np.ndarray, motion: np.ndarray) -> None:
@@ -313,7 +309,7 @@ def _disagree(factor: float) -> str:
     return f"two estimates, with long and with short steps, disagree {by}; a smaller simulation.step is needed"
 
 
-class _Observed:
+class _Observed(Observer):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
@@ -333,7 +329,7 @@ class _Observed:
         self._take(number, error.q[None], error.v[None], error.turns[None])
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
-        """Take in the errors at many instants in turn; see `StatesObserver`."""
+        """Take in the errors at many instants in turn; see `Observer`."""
         self._take(int(numbers[0]), errors.q, errors.v, errors.turns)
 
     def _take(self, number: int, errors: np.ndarray, rates: np.ndarray, turns: np.ndarray) -> None:

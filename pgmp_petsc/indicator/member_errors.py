@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate, WatchedRun
 from pgmp_petsc.models import LengthLanes, ReducedModel
@@ -56,10 +57,8 @@ class MemberIndicator:
         return ErrorIndicator(own, self.model).stepped(self._simulation).watch(values, np.array([sample]))
 
 
-class WatchedSamples:
+class WatchedSamples(Observer):
     """The run of one batch, whose samples are watched one by one; see `WatchedRun`."""
-
-    every = WatchedRun.every
 
     def __init__(self, runs: list[WatchedRun | None], outputs: list[str]) -> None:
         self._runs, self._outputs = runs, outputs
@@ -70,7 +69,7 @@ class WatchedSamples:
             run(number, time, state)
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps; see `TrailObserver`."""
+        """Take in the states after many steps; see `Observer`."""
         for run in self._known:
             run.over(numbers, times, trail)
 

@@ -19,12 +19,12 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import StepsAsked, StepsTaken
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.full_systems import FullBatch
+from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 
 
-class ErrorSystem:
+class ErrorSystem(SecondOrderSystem):
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 
     Parameters
@@ -41,9 +41,6 @@ class ErrorSystem:
         Unknowns of the full-order static equilibrium that samples start from, shape (n_dofs, n_samples), NaN for those
         that are never advanced; None where runs start undeformed.
     """
-
-    n_events = 0
-    settled = None
 
     def __init__(
         self,
@@ -116,9 +113,7 @@ class ErrorSystem:
         """Put samples back."""
         self._full.restore(state, previous, samples)
 
-    def outside(self, state: State) -> np.ndarray:
-        """Return no sample."""
-        return self._full.outside(state)
+    restore_all = restore
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Return why samples fail; see `SecondOrderSystem.reasons`."""

@@ -29,7 +29,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.line_bodies import length_share
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.generalised_alpha import Observer, count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, Weights, look_at, look_at_planar_beam
@@ -37,7 +37,7 @@ from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import LengthLanes, ReducedModel
-from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
@@ -50,7 +50,7 @@ SHORTEST = 10  # looks of which one state is evaluated
 LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
 
 
-class Validity:
+class Validity(Observer):
     """The observer of a batch that keeps the largest values of every sample.
 
     Parameters
@@ -104,7 +104,7 @@ class Validity:
         self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Look at those of many states whose turn it is; see `TrailObserver`."""
+        """Look at those of many states whose turn it is; see `Observer`."""
         looked_at = np.flatnonzero((numbers % EVERY == 0) | (numbers == self._n_steps))
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):

@@ -187,7 +187,7 @@ class LoopClosure:
         """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
         scaled = residual / self._scale
         blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(scaled[c.rows])))
-        lengths = [np.array([part.is_length for part in c.joint.statements]) for c in self.mechanism.connections]
+        lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
             return f"a gap of {apart:.3g} m remains", blame.name

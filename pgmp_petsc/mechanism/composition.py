@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import MEETING, Connection, joint, triad
+from pgmp_petsc.mechanism.joints import Connection, share_position, triad, weld
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -134,8 +134,8 @@ def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str
 def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> tuple[Connection, ...]:
     """Return the joints of a scene, and the welds of point masses to rigid bodies.
 
-    A joint's axes in the second body are those of the first at poses (n_bodies, n_pose); in the plane, where angles are
-    those between the bodies' axes, only a weld's are.
+    A joint's axes in the second body are those of the first at poses (n_bodies, n_pose); in the plane angles are those
+    between the bodies' axes.
 
     Raises
     ------
@@ -144,33 +144,35 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     """
     space = space_of(scene.dimension)
     connections, row = [], 0
-    for name, kind, sides in _held(scene, bodies):
-        entry = scene.joints.get(name)
-        spatial, welded = space is SPATIAL, kind == "fixed"
-        axes = entry.axes if entry is not None and (spatial or kind == "point_on_line") else ()
+    for name, holds, axes, sides in _held(scene, bodies):
         in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(space.dimension)
         turns = [_directors(space, space.identity if s.on_ground else poses[s.body]) for s in sides]
-        in_b = turns[1].T @ turns[0] @ in_a if spatial or welded else in_a
-        held = joint(kind, in_a, in_b)
-        rows = slice(row, row + held.n_constraints)
-        connections.append(Connection(name, held, *sides, rows, (in_a, in_b)))
+        in_b = turns[1].T @ turns[0] @ in_a
+        statements = tuple(holds(in_a, in_b))
+        rows = slice(row, row + len(statements))
+        turning = in_a, in_b if space is SPATIAL else in_a
+        connections.append(Connection(name, statements, *sides, rows, turning))
         row = rows.stop
     return tuple(connections)
 
 
-def _held(scene: Scene, bodies: Sequence[Body]) -> Iterator[tuple[str, str, tuple[Attachment, Attachment]]]:
-    """Yield name, kind and attachments of the joints, and of the welds of point masses to rigid bodies."""
+def _held(
+    scene: Scene, bodies: Sequence[Body]
+) -> Iterator[tuple[str, Callable, tuple[tuple[float, ...], ...], tuple[Attachment, Attachment]]]:
+    """Yield name, what makes the statements, axes and attachments of the joints, and of the welds of point masses to
+    rigid bodies."""
     for name, entry in scene.joints.items():
         yield (
             name,
-            entry.type,
+            entry.statements,
+            entry.axes,
             tuple(attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect),
         )
     for name, (effect, index) in welded_masses(scene, bodies).items():
         carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
         place = bodies[index].mesh.nodes[0]
         particle = Attachment(index, bodies[index].first_node, place, np.zeros_like(place))
-        yield _welded(name), "fixed", (carrier, particle)
+        yield _welded(name), weld, (), (carrier, particle)
 
 
 def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
@@ -188,7 +190,7 @@ def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
         if placement is not None:
             poses[number] = _placed(placement, d)
             placed[number] = True
-    waiting = [sides for _, kind, sides in _held(scene, bodies) if kind in MEETING]
+    waiting = [sides for _, holds, _, sides in _held(scene, bodies) if share_position(holds(np.eye(d), np.eye(d)))]
     while True:
         ready = [(a, b) for a, b in waiting if (a.on_ground or placed[a.body]) != (b.on_ground or placed[b.body])]
         if not ready:

@@ -81,7 +81,7 @@ class ConstraintSet:
             for rows in (parts, driven)
         )
         self._statements = [*parts, *driven]
-        self._n_directors = len(parts) - sum(len(c.joint.statements) for c in mechanism.connections)
+        self._n_directors = len(parts) - sum(len(c.statements) for c in mechanism.connections)
         self._ties = FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])

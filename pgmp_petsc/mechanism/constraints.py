@@ -41,7 +41,7 @@ class ConstraintJacobian:
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        held = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
+        held = [(part, c.sides) for c in mechanism.connections for part in c.statements]
         self._gradients = BodyGradients(mechanism, held + [(c.connection.angle, c.connection.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
@@ -111,7 +111,7 @@ class ConstraintHessians:
         n_pose = mechanism.space.n_pose
         self._joints: list[tuple[Connection, list[Attachment], StatementRows]] = []
         for connection in mechanism.connections:
-            parts = connection.joint.statements
+            parts = connection.statements
             moving = [side for side in connection.sides if not side.on_ground]
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(

@@ -1,10 +1,8 @@
-"""Joints: lists of statements about two frames that are to be zero.
-
-A joint between two attachments.
-"""
+"""What joints hold: statements about two frames that are to be zero, and the connections that they make."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,68 +11,32 @@ import numpy as np
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import MEET, Statement, along, angle, meet, perpendicular, within
 
-#: Joints whose two points share their position.
-MEETING = ("revolute", "fixed", "spherical", "universal")
+
+def meeting(dimension: int) -> list[Statement]:
+    """Return that two points share their position."""
+    return [meet(axis) for axis in np.eye(dimension)]
 
 
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """Constraints of a pair of frames.
-
-    Attributes
-    ----------
-    kind
-        Type in the scene.
-    statements
-        What is to be zero, points that meet first.
-    """
-
-    kind: str
-    statements: tuple[Statement, ...]
-
-    @property
-    def n_constraints(self) -> int:
-        """Number of constraints."""
-        return len(self.statements)
-
-    @property
-    def holds_position(self) -> bool:
-        """Whether the two points share their position."""
-        return self.statements[0].kind == MEET
+def guided(in_a: np.ndarray) -> list[Statement]:
+    """Return that a point is on the line along the first axis of a triad (d, d) in a, one axis a column."""
+    return [along(axis) for axis in in_a.T[1:]]
 
 
-def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> Joint:
-    """Make a joint.
+def aligned(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+    """Return that the first axes of triads (3, 3) in a and in b have one direction."""
+    return [perpendicular(in_a[:, k], in_b[:, 0]) for k in (1, 2)]
 
-    Parameters
-    ----------
-    kind
-        ``revolute``, ``fixed``, ``point_on_line``, and in space ``spherical``, ``universal``, ``cylindrical``,
-        ``prismatic`` or ``point_on_plane``.
-    in_a, in_b
-        The joint's axes u, v, w, an orthonormal triad, in the frame of a, and the same directions, as assembled, in
-        the frame of b, shape (3, 3) each, one axis a column; u, v and (2, 2) in the plane. The first one is that of
-        the rotation in space, of the line, or the plane's normal; a universal joint has its first axis u in a and its
-        second axis v in b.
-    """
-    d = len(in_a)
-    a, b = in_a.T, in_b.T
-    meeting, guided = [meet(axis) for axis in np.eye(d)], [along(axis) for axis in a[1:]]
-    if d == 2:
-        parts = {"revolute": meeting, "fixed": [*meeting, perpendicular(a[0], b[1])], "point_on_line": guided}
-    else:
-        aligned = [perpendicular(a[k], b[0]) for k in (1, 2)]
-        parts = {
-            "spherical": meeting,
-            "revolute": [*meeting, *aligned],
-            "universal": [*meeting, perpendicular(a[0], b[1])],
-            "cylindrical": [*guided, *aligned],
-            "prismatic": [*guided, *aligned, perpendicular(a[1], b[2])],
-            "fixed": [*meeting, *aligned, perpendicular(a[1], b[2])],
-            "point_on_line": guided,
-            "point_on_plane": [along(a[0])],
-        }
-    return Joint(kind, tuple(parts[kind]))
+
+def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+    """Return that two points share their position, and triads (d, d) in a and in b their directions."""
+    if len(in_a) == 2:
+        return [*meeting(2), perpendicular(in_a[:, 0], in_b[:, 1])]
+    return [*meeting(3), *aligned(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+
+
+def share_position(statements: Sequence[Statement]) -> bool:
+    """Return whether the points of two frames meet where such statements are zero."""
+    return sum(part.kind == MEET for part in statements) == statements[0].axes.shape[1]
 
 
 def orthonormality() -> tuple[list[Statement], np.ndarray]:
@@ -103,12 +65,15 @@ class Connection:
 
     Attributes
     ----------
+    statements
+        What is to be zero; joints whose points share their position begin with that.
     axes
-        The joint's axes in the frames of a and of b, shape (d, d) each, one axis a column; see `joints.joint`.
+        The axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
+        each, one axis a column.
     """
 
     name: str
-    joint: Joint
+    statements: tuple[Statement, ...]
     a: Attachment
     b: Attachment
     rows: slice
@@ -118,6 +83,15 @@ class Connection:
     def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
+
+    @property
+    def holds_position(self) -> bool:
+        """Whether the two points share their position."""
+        return share_position(self.statements)
+
+    def measure(self, motion: str) -> Statement:
+        """Return what measures ``turning`` or ``sliding``."""
+        return {"turning": self.angle, "sliding": along(self.axes[0][:, 0])}[motion]
 
     @cached_property
     def angle(self) -> Statement:

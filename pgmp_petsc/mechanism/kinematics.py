@@ -17,6 +17,7 @@ from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
@@ -336,25 +337,29 @@ class RigidKinematics:
                 continue
             own = [c for c in self.mechanism.connections if number in (c.a.body, c.b.body)]
             names = " and ".join(c.name for c in own)
-            if len(own) == 2 and all(c.joint.kind == "spherical" for c in own):
+            cures = self._without_spin(own, poses) if len(own) == 2 else [""]
+            if all(cures):
                 texts.append(
-                    f"{body.name} can spin idly about the line through its ball joints {names}: make one of them "
-                    f"universal, which holds the spin: {self._universal(own[1], poses, own)}"
+                    f"{body.name} can spin idly about the line through its joints {names}: make one of them a joint "
+                    f"that holds the spin: joints.{own[1].name}: {cures[1]}"
                 )
             else:
                 where = f"in {names}" if names else "as no joint is on it"
                 texts.append(f"{body.name} can move by itself {where}: name a coordinate for it, or join it otherwise")
         return "".join(f". {text}" for text in texts)
 
-    def _universal(self, connection: Connection, poses: np.ndarray, both: Sequence[Connection]) -> str:
-        """Return the entries of a universal joint in the place of a ball, both of its axes across the line through two
-        balls as assembled."""
-        places = [c.b.frame_of_pose(poses)[:, 0] for c in both]
-        axes = triad(places[1][:3] - places[0][:3])[:, 1:]
-        frame = connection.a.frame_of_pose(poses)[:, 0]
-        own = frame[3:12].reshape(3, 3) @ axes  # one director a row
-        first, second = (", ".join(f"{x:.4g}" for x in np.where(np.abs(axis) > 1e-6, axis, 0.0)) for axis in own.T)
-        return f'joints.{connection.name}: type = "universal", axis = [{first}], second_axis = [{second}]'
+    def _without_spin(self, own: Sequence[Connection], poses: np.ndarray) -> list[str]:
+        """Return the entries of joints in the places of two, empty where they hold the spin of their body about the
+        line through both as assembled."""
+        entries = [self.mechanism.scene.joints.get(c.name) for c in own]
+        if None in entries or self.mechanism.space is not SPATIAL:
+            return [""]
+        one, other = (c.b.frame_of_pose(poses)[:3, 0] for c in own)
+        if not np.any(other - one):
+            return [""]
+        across = triad(other - one)[:, 1:]
+        frames = (c.a.frame_of_pose(poses)[3:12, 0].reshape(3, 3) for c in own)  # one director a row
+        return [entry.without_spin(frame @ across) for entry, frame in zip(entries, frames)]
 
     def _rank(self, poses: np.ndarray) -> int:
         """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""

@@ -26,7 +26,7 @@ from pgmp_petsc.scene.schema import Scene
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An independent rigid coordinate: the relative rotation of a revolute joint over a range (rad).
+    """An independent rigid coordinate: the relative rotation of a joint over a range (rad).
 
     A prescribed one follows a given motion: the flexible vectors of the reduced basis do not turn its joint.
     """
@@ -124,7 +124,7 @@ class Mechanism:
     @property
     def n_constraints(self) -> int:
         """Number of scalar constraints, redundant ones included."""
-        return sum(connection.joint.n_constraints for connection in self.connections)
+        return sum(len(connection.statements) for connection in self.connections)
 
     @property
     def mass_weights(self) -> tuple[Monomial, ...]:
@@ -192,7 +192,7 @@ class Mechanism:
         These are the statements of the joints, which are zero, and in space those that make the directors of `frames` a
         rotation: of its bodies' poses, or of all nodes.
         """
-        held = [(part, c.sides) for c in self.connections for part in c.joint.statements]
+        held = [(part, c.sides) for c in self.connections for part in c.statements]
         values = np.zeros(len(held))
         if self.space is SPATIAL:
             ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_problem import FullEquations
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed, FullStatics
 from pgmp_petsc.dynamics.rank_solver import PREFIX
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import State
@@ -34,7 +34,6 @@ from pgmp_petsc.scene import Scene
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.dynamics.full_distributed import FullDistributed
     from pgmp_petsc.models.body_fields import FullFields
 
 
@@ -131,8 +130,6 @@ class FullModel:
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
-        from pgmp_petsc.dynamics.full_distributed import FullDistributed  # small mechanisms are in lanes
-
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
         positions, rates = sized.start_of_samples(values, 1)
@@ -154,8 +151,6 @@ class FullModel:
 
     def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
-        from pgmp_petsc.dynamics.full_statics import FullStatics  # few scenes start in equilibrium
-
         theta = self._start[0]
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)

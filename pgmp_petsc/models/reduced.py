@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
-from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.dynamics.reduced_terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of

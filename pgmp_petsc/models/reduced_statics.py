@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE, cause_of
+from pgmp_petsc.dynamics.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduction.reconstruction import Reconstruction
@@ -100,7 +100,7 @@ class ReducedStatics:
             away = self._angles.of(eta) - angles
             # theta may stand still while mu still bends the joint
             size = np.maximum(moved_by, np.max(np.abs(away), axis=1))
-            active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
+            active = active & ~lost & ~settled_in(size, last)
             last = size
             if not active.any():
                 return -mu, lost
@@ -143,34 +143,26 @@ class ReducedStatics:
         """
         r = self._n_theta
         force = np.zeros_like(eta) if slopes is None else np.einsum("sk,ski->si", mu, slopes)
-        todo, first = samples.copy(), eta.copy()
-        self._share[samples] = 0.0
-        for n_parts in SHARES:
-            going = todo.copy()
+        first = eta.copy()
+
+        def begin(going: np.ndarray) -> None:
             eta[going] = first[going]
-            for part in range(1, n_parts + 1):
-                going &= self._converge(eta, part / n_parts * force, going, part / n_parts)
-                self._share[going] = np.maximum(self._share[going], part / n_parts)
-            todo &= ~going
-            if not todo.any():
-                break
+
+        def converge(going: np.ndarray, share: float) -> np.ndarray:
+            return self._converge(eta, share * force, going, share)
+
+        lost, reached = put_on(begin, converge, samples)
+        self._share[samples] = reached[samples]
         state = self._state(eta)
         left = -(self._system.residual(0.0, state) + force)[:, :r]
-        return left, todo
+        return left, lost
 
     def _converge(self, eta: np.ndarray, force: np.ndarray, samples: np.ndarray, share: float) -> np.ndarray:
         """Correct samples, in place, under a share of the loads; return which converged."""
-        active, found = samples.copy(), np.zeros_like(samples)
-        last = np.full(self.n_samples, np.inf)
         state = self._state(eta)
-        for _ in range(MAX_CORRECTIONS):
-            size = self._system.correct_at_rest(state, force, active, share, LONGEST)
-            done = active & ((size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= 0.5 * last)))
-            found |= done
-            active &= ~done & np.isfinite(size)
-            last = size
-            if not active.any():
-                break
+        found = iterate_at_rest(
+            lambda active: self._system.correct_at_rest(state, force, active, share, LONGEST), samples
+        )
         # a sample that runs away is lost; angles of joints are asked for where it was
         sound = samples & np.isfinite(state.q).all(axis=1)
         eta[sound] = state.q[sound]

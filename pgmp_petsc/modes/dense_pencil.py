@@ -37,8 +37,7 @@ from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.solvers.eigenpair_checks import RESIDUAL_TOLERANCE
-from pgmp_petsc.solvers.shift_invert import EigenPairs
+from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs
 
 MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
 BLOCK = 64  # columns that LAPACK treats together

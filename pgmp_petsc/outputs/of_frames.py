@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.statements import along, distance
+from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.outputs.readings import AXES, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Connection, Point
@@ -19,11 +19,11 @@ from pgmp_petsc.scene.outputs import Axis, OutputEntry
 
 
 class Angle(OutputEntry):
-    """Relative rotation of a revolute joint (rad), measured on the flexible bodies' nodes."""
+    """Relative rotation in a joint (rad), measured on the flexible bodies' nodes."""
 
     type: Literal["angle"]
     reads, unit, joints = "frames", "rad", ("turning",)
-    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+    joint: str = Field(description="name of a joint that turns")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
         """Return the joint's angle, which counts turns."""
@@ -35,13 +35,12 @@ class Sliding(OutputEntry):
 
     type: Literal["sliding"]
     reads, unit, joints = "frames", "m", ("sliding",)
-    joint: str = Field(description="name of a joint that slides: point_on_line, prismatic, cylindrical")
+    joint: str = Field(description="name of a joint that slides")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
         """Return the place along the joint's line."""
-        mechanism = kinematics.mechanism
-        axis = np.array(mechanism.scene.joints[self.joint].axes[0])
-        return Reading("MEASURE", mechanism.connection(self.joint).sides, along(axis), space=mechanism.space)
+        joint = kinematics.mechanism.connection(self.joint)
+        return Reading("MEASURE", joint.sides, joint.measure("sliding"), space=kinematics.mechanism.space)
 
 
 class Distance(OutputEntry):

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.statements import along
 from pgmp_petsc.outputs.readings import AXES, Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Point, exactly_one, refusal
@@ -54,5 +53,4 @@ class Speed(OutputEntry):
         connection = mechanism.connection(self.joint)
         if not slides(mechanism.scene, self):
             return Reading.of_angle(connection, kinematics, start)
-        axis = np.array(mechanism.scene.joints[self.joint].axes[0])
-        return Reading("MEASURE", connection.sides, along(axis), space=mechanism.space)
+        return Reading("MEASURE", connection.sides, connection.measure("sliding"), space=mechanism.space)

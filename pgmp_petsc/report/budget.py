@@ -1,19 +1,41 @@
-"""The error budget of a scene's results: every source of error with its size and how it is known, or that it is not."""
+"""The error budget of a scene's results: every source of error with its size and how it is known, or that it is not.
+
+The verdict of a scene's results in words: what happens how surely, how far off the model is, and what went wrong.
+
+What is in a result file, in one line: for a command that goes through many steps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.figures import captions
+from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
-from pgmp_petsc.figures.trajectories import Comparison
-from pgmp_petsc.report.sources import Build, Datum, Sentence, Source, in_words
+from pgmp_petsc.figures.trajectories import Comparison, paired
+from pgmp_petsc.report.film import stress_of
+from pgmp_petsc.report.sources import (
+    Build,
+    Datum,
+    Interval,
+    Place,
+    Sentence,
+    Source,
+    in_words,
+    read_sources,
+    sentence_case,
+)
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.errors import OF_STEP, VALIDITY, EstimatedErrors, limits_of
-from pgmp_petsc.results.numbers import percent, share_text
-from pgmp_petsc.results.statistics import DOUBT
+from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
+from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, share_text
+from pgmp_petsc.results.statistics import DOUBT, RareEvent
+from pgmp_petsc.results.trajectory import truncated
+from pgmp_petsc.runtime.errors import counted
+from pgmp_petsc.runtime.files import RunRecord
 
 PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
 
@@ -291,3 +313,294 @@ def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
                 limit = limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
                 yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")
+
+
+MUCH_MORE = 2.4  # times the other: beyond it no more than 5 % of estimates are wrong, see docs/method.md
+
+
+def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentence]:
+    """Return the sentences, the most telling one first."""
+    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
+    runs = [source for source in sources if isinstance(source.result, Trajectory)]
+    sentences: list[Sentence] = []
+    for source in ensembles:
+        sentences += _of_ensemble(source, len(ensembles) > 1, error)
+    if not sentences:
+        for source in runs[:1]:
+            sentences += _of_run(source)
+    if not sentences:
+        for source in sources:
+            sentences += _of_rare_event(source) if isinstance(source.result, RareEvent) else ()
+    if not sentences:
+        studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
+        sentences += [[line] for study in studies for line in study.advice[:1]]
+    sentences += _of_error(error, runs or ensembles, ensembles)
+    sentences += _of_time_steps(sources)
+    sentences += _of_failures(ensembles, runs)
+    return sentences
+
+
+def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Iterator[Sentence]:
+    """Yield probabilities of events; where the scene has none, the means and where most samples lie.
+
+    A probability that the model does not decide has no figure that the page would print in bold.
+    """
+    ensemble = source.result
+    ahead = f"{source.name}: " if several else ""
+    for label, chance in ensemble.probabilities.items():
+        place = Place(source.name, f"/probabilities/{label}")
+        parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
+        of = f"{percent(chance.confidence)} interval of {chance.of}"
+        of_runs = _of_runs(ensemble, label, error)
+        if np.isnan(chance.estimate):
+            words = f"{ahead}P({chance.event}) is not known"
+            yield [f"{words}: no sample tells."] if np.isnan(chance.interval).any() else [words, parts[1], f" %, {of}."]
+        elif chance.is_decided(of_runs):
+            yield [f"{ahead}P({chance.event}) = ", parts[0], " %", *parts[1:], f", {of}."]
+        else:
+            ends = 100.0 * chance.interval
+            said = f"{number_text(100.0 * chance.estimate, ends, 6)} % {interval_text(ends)}, {of}"
+            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs)}."]
+            yield [f"What the samples of this model say: {said}."]
+    if ensemble.probabilities:
+        return
+    for name in ensemble.outputs:
+        s = ensemble.statistics.get(name)
+        if s is None or not s.count:
+            continue
+        factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles)
+        unit = "" if unit == "1" else f" {unit}"
+        place = Place(source.name, f"/statistics/{name}")
+        if s.constant:
+            yield [f"{ahead}{sentence_case(in_words(name))} at the end is constant: ",
+                   place.datum("mean", s.mean, f"{factor * s.mean:.6g}"), f"{unit}."]  # fmt: skip
+            continue
+        figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
+        low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
+        spread = percent(float(s.probabilities[high] - s.probabilities[low]))
+        texts = end_texts(factor * s.quantiles[[low, high]])
+        ends = [place.datum("quantiles", s.quantiles[k], text, str(k)) for k, text in zip((low, high), texts)]
+        words = in_words(name) if ahead else sentence_case(in_words(name))
+        yield [
+            f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
+            ends[0], " and ", ends[1], f"{unit}.",
+        ]  # fmt: skip
+
+
+def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
+    """Return what single runs say of the error that decides an event, as a share; NaN where they say nothing."""
+    if error is None or ensemble.model != "reduced":
+        return np.nan
+    event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
+    return error.bound(event.get("output", ""), event.get("when", "end"))
+
+
+def _of_run(source: Source) -> Iterator[Sentence]:
+    """Yield the largest size of every output of a run, and when it has it."""
+    run = source.result
+    for name, values in run.outputs.items():
+        if not np.isfinite(values).any():
+            yield [f"{sentence_case(in_words(name))} is not known at any instant."]
+            continue
+        known = np.abs(np.where(np.isfinite(values), values, 0.0))
+        place = int(np.argmax(known))
+        factor, unit = axis_unit(run.units.get(name, "1"), values)
+        largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
+        unit = "" if unit == "1" else f" {unit}"
+        words = sentence_case(in_words(name))
+        yield [f"{words} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+    if (stress := stress_of(run)) is not None:
+        factor, unit = axis_unit("Pa", np.array([stress.largest]))
+        largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
+                        stress.path, stress.index)  # fmt: skip
+        lacking = run.model == "reduced" and truncated(run.record.scene_toml)
+        doubt = "; it is that of the modes alone and may be far off" if lacking else ""
+        yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
+
+
+def _of_rare_event(source: Source) -> Iterator[Sentence]:
+    """Yield the probability of a rare event."""
+    found, place = source.result, Place(source.name, "/probability")
+    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
+    what = found.event.replace("_", " ")
+    if found.reached:
+        yield [f"{what}: ", place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends), "."]
+    elif np.isfinite(found.interval[1]):
+        yield [f"{what}: not reached; its probability is at most ", ends[1], "."]
+
+
+def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
+    """Yield how far off the model is: of single runs, else of the samples that were checked."""
+    if not sources:
+        return
+    models = {source.result.model for source in sources}
+    if error is not None and error.worst is not None:
+        of = in_words(error.worst)
+        yield [
+            "Model error ",
+            error.datums[error.worst],
+            f" of the largest {of}, the worst of the outputs; {error.how}.",
+        ]
+        if error.with_step is not None:
+            yield from _what_steps_hide(error, error.with_step)
+    elif "reduced" in models:
+        checked = [part for source in ensembles for part in _checked(source)]
+        if checked:
+            yield ["Estimated model error at most ", *checked[:-1], " in the samples that were checked."]
+        else:
+            yield ["Model error: not known; the error budget says why."]
+    elif models == {"full"}:
+        yield ["All runs are full-order: nothing was reduced."]
+    else:
+        yield [f"Model error: not known of {' and '.join(MODELS[model] for model in sorted(models))}."]
+
+
+def _what_steps_hide(measured: ModelError, known: ModelError) -> Iterator[Sentence]:
+    """Yield what a comparison with the same time step does not tell: a step that is too large for both runs, or for the
+    better model alone, which has vibrations that the reduced one has not."""
+    largest = measured.shares[measured.worst]
+    if known.worst and known.shares[known.worst] > MUCH_MORE * largest:
+        yield [
+            "With the error of the time step it is estimated to be ",
+            known.datums[known.worst],
+            f" of the largest {in_words(known.worst)}: take a smaller simulation.step, or name a simulation.tolerance.",
+        ]
+    elif MUCH_MORE * known.shares.get(measured.worst, np.nan) < largest:
+        yield [
+            "The reduced run itself is estimated to be off by ",
+            known.datums[measured.worst],
+            " of it; the rest should be the time step's error in the run of the better model: a smaller "
+            "simulation.step tells.",
+        ]
+
+
+def _of_time_steps(sources: Sequence[Source]) -> Iterator[Sentence]:
+    """Yield what is known of the time step's error in full-order and component runs, where it is worth a sentence."""
+    for source, errors in step_errors(sources):
+        known = {name: errors.share(name) for name in errors.outputs}
+        known = {name: share for name, share in known.items() if np.isfinite(share)}
+        if known:
+            worst = max(known, key=known.__getitem__)
+            share = Datum(known[worst], share_text(known[worst]), source.name, f"/errors/{worst}@share")
+            model = MODELS[source.result.model]
+            of = f" of the largest {in_words(worst)}."
+            yield [f"Error of the time step of the {model} run, estimated: ", share, of]
+
+
+def _checked(source: Source) -> Iterator[str | Datum]:
+    """Yield the largest estimated error of every output of an ensemble, commas between them and at the end."""
+    for name, values in source.result.errors.items():
+        if np.isfinite(values).any():
+            place = int(np.nanargmax(values))
+            factor, unit = axis_unit(source.result.units.get(name, "1"), values)
+            text = f"{factor * values[place]:.2g}"
+            yield Datum(values[place], text, source.name, f"/errors/{name}", str(place))
+            yield f"{'' if unit == '1' else f' {unit}'} ({in_words(name)})"
+            yield ", "
+
+
+def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterator[Sentence]:
+    for source in ensembles:
+        failed = int(np.count_nonzero(source.result.status))
+        if failed:
+            n = len(source.result.status)
+            fate = "are in no figure above, which may bias them"
+            if source.result.probabilities:
+                fate = "count both ways in intervals of probabilities; all other figures are without them"
+            yield [f"{source.name}: {failed} of {n} samples failed, and {fate}."]
+    for source in runs:
+        if captions.ended_early(source.result):
+            end = captions.planned_end(source.result)
+            yield [f"{source.name}: the run stopped at {source.result.time[-1]:.4g} s of {end:.4g} s."]
+
+
+def headline_of_build(path: Path) -> str:
+    """Return what was chosen for a reduced model and how long it took."""
+    build = Build.read(path)
+    chosen = {} if build.selection is None else dict(build.selection.chosen)
+    what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "as the scene says"
+    return f"{what}; {_seconds(build.record)}{_remarks(build.record)}"
+
+
+def headline_of_run(path: Path) -> str:
+    """Return how far a run came and what is known of its error."""
+    run = Trajectory.read(path)
+    known = {} if run.errors is None else {name: run.errors.share(name) for name in run.errors.outputs}
+    known = {name: share for name, share in known.items() if np.isfinite(share)}
+    error = "errors were not estimated"
+    if known:
+        worst = max(known, key=known.__getitem__)
+        of = " of the time step" if run.errors.what == OF_STEP else ""
+        part = f" up to {run.errors.time[-1]:.4g} s" if of and run.errors.time[-1] < run.time[-1] * (1.0 - 1e-9) else ""
+        error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
+    elif run.model == "full":
+        error = "nothing was reduced"
+    of = f" of {captions.planned_end(run):g} s" if captions.ended_early(run) else ""
+    return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s{of}; {error}{_remarks(run.record)}"
+
+
+def headline_of_comparison(path: Path, better: Path) -> str:
+    """Return by how much a run differs from that of a better model."""
+    run, other = Trajectory.read(path), Trajectory.read(better)
+    comparison = Comparison(other, run)
+    found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
+    known = {name: error for name, error in found.items() if error is not None and np.isfinite(error[1]).all()}
+    if not known:
+        if comparison.covered == 0.0:
+            stopped = [MODELS[one.model] for one in comparison.runs if len(one.time) < 2]
+            runs = f"{' and '.join(stopped)} run{'s' if len(stopped) > 1 else ''}"
+            return f"nothing is compared: the {runs} did no step"
+        return f"{MODELS[other.model]}: its outputs are zero or not known, so no share can be given"
+    worst = max(known, key=lambda name: np.max(known[name][1]))
+    time, error = known[worst]
+    alike = ", with the same time step," if comparison.same_steps else ""
+    share, when = np.max(error) / 100.0, f"{time[np.argmax(error)]:.4g} s"
+    words = (
+        f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at {when}"
+    )
+    if not comparison.is_whole:
+        words += f"; compared {comparison.part}"
+    knows = comparison.same_steps and run.errors is not None and run.errors.what != OF_STEP
+    estimated = run.errors.outputs if knows else ()
+    own = run.errors.share(worst) if worst in estimated else np.nan
+    if MUCH_MORE * own < share:
+        words += f"; {share_text(own)} is estimated to be the {MODELS[run.model]} run's"
+        words += ", the rest the time step's in the other"
+    return words
+
+
+def headline_of_ensemble(path: Path, *runs: Path) -> str:
+    """Return how many samples are fine, and the probability of the scene's first event or an output's mean.
+
+    What is known of the model's error is taken from the file of single runs, too.
+    """
+    ensemble = Ensemble.read(path)
+    sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
+    error = model_error(sources, paired([source.result for source in sources]))
+    failed = int(np.count_nonzero(ensemble.status))
+    parts = [f"{len(ensemble.status)} samples, {failed} failed"]
+    for label, chance in list(ensemble.probabilities.items())[:1]:
+        ends, of_runs = 100.0 * chance.interval, _of_runs(ensemble, label, error)
+        known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
+        known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
+        decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
+        parts.append(f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs)}'}")
+    if not ensemble.probabilities:
+        for name in list(ensemble.outputs)[-1:]:
+            s = ensemble.statistics[name]
+            unit = ensemble.units.get(name, "1")
+            factor, shown = axis_unit(unit, np.array([s.mean]))
+            mean, ends = factor * s.mean, factor * s.mean_interval
+            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
+            parts.append(f"mean {name} {words}{'' if unit == '1' else ' ' + shown}")
+    return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
+
+
+def _seconds(record: RunRecord) -> str:
+    return f"{sum(record.timings.values()):.3g} s"
+
+
+def _remarks(record: RunRecord) -> str:
+    """Return how many warnings a result has; the report has their texts."""
+    n = sum(remark.kind == "warning" for remark in record.remarks)
+    return f"; {counted(n, 'warning')}, see the report" if n else ""

@@ -17,14 +17,13 @@ import numpy as np
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.report import charts
-from pgmp_petsc.report.budget import Line, error_budget, model_error
+from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import READERS, Build, Datum, Interval, Place, Sentence, Source, in_words
-from pgmp_petsc.report.verdict import verdict
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.tables import Columns, columns_of, csv_text
+from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 from pgmp_petsc.runtime.files import KINDS
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}

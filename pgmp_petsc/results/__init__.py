@@ -8,18 +8,20 @@ from typing import Any
 
 _MODULES = {
     "Attempt": "selection",
-    "Balance": "balance",
+    "Balance": "estimates",
     "Band": "statistics",
+    "BodyField": "trajectory",
     "Chance": "statistics",
-    "Derivatives": "derivatives",
-    "Design": "designs",
-    "EffectSizes": "effect_sizes",
+    "Derivatives": "gradients",
+    "Design": "gradients",
+    "EffectSizes": "selection",
     "Ensemble": "ensemble",
-    "EstimatedErrors": "errors",
-    "Fit": "fit",
+    "EstimatedErrors": "estimates",
+    "Fit": "gradients",
     "Frames": "trajectory",
     "MeshErrors": "tradeoff",
     "ModesTable": "modes",
+    "RareEvent": "statistics",
     "References": "tradeoff",
     "Selection": "selection",
     "Sensitivity": "statistics",
@@ -28,11 +30,15 @@ _MODULES = {
     "Tradeoff": "tradeoff",
     "Trajectory": "trajectory",
 }
+#: Results of files of their own, whose kind is what reads them; reduced models and shards have readers of their own.
+_OF_FILES = ("ModesTable", "Trajectory", "Ensemble", "Tradeoff", "Derivatives", "Fit", "Design", "RareEvent")
 __all__ = [*_MODULES]
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for by its name."""
+    """Import what is asked for by its name; ``READERS`` are all results that have files of their own, by their kind."""
+    if name == "READERS":
+        return {kind.kind: kind for kind in map(__getattr__, _OF_FILES)}
     if name not in _MODULES:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

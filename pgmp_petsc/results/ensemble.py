@@ -1,4 +1,10 @@
-"""Many runs with random parameters: values, outputs at the end time, and their statistics.
+"""Why an ensemble has as many samples as it has: rules, looks at it and a budget of time.
+
+The file of a shard: samples of a part of an ensemble, for ``pgmp merge`` to join with the others.
+
+Figures of a better model, from few samples of it and many of cheaper ones on the same draws.
+
+Many runs with random parameters: values, outputs at the end time, and their statistics.
 
 Samples that failed have NaN in all that follows from a run.
 """
@@ -6,32 +12,261 @@ Samples that failed have NaN in all that follows from a run.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pgmp_petsc.declare.records import (
+    FLAGS,
+    JSON,
+    NEEDED,
     NO_FILE,
+    Context,
+    Record,
     Result,
     array,
     attribute,
     check_shape,
+    check_sizes,
     derived,
     group_at,
     run_record,
     units_in,
 )
-from pgmp_petsc.results.balance import BALANCE_WORDS
-from pgmp_petsc.results.corrected import Joined
-from pgmp_petsc.results.errors import OF_REDUCED, OF_STEP, VALIDITY_WORDS
+from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
 from pgmp_petsc.results.statistics import MODELS, Band, Chance, Sensitivity, Statistics
-from pgmp_petsc.results.stopping import Stopping
+from pgmp_petsc.runtime.errors import Remark, from_json, to_json
 from pgmp_petsc.runtime.files import RunRecord
 
 if TYPE_CHECKING:
     import h5py
+
+_UNIT = "as attribute units"
+
+
+@dataclass(frozen=True)
+class Stopping(Record):
+    """What was seen at every look, and why the last one was the last; without rules a budget alone decided."""
+
+    why: str = attribute("@why", about="why it ended, in words")
+    budget: float | None = attribute("@budget", about="wall time for the samples, s; empty where there was none")
+    rules: tuple[str, ...] = attribute("@rules", "rule", about="texts of the rules")
+    units: tuple[str, ...] = attribute("@units", "rule", about="units of their figures")
+    wanted: np.ndarray = array(
+        "rule", unit=_UNIT, gaps=True,
+        about="half the width of its interval that each rule wants, a share of the figure where relative is 1",
+    )  # fmt: skip
+    relative: np.ndarray = array("rule", about="whether that is a share of the figure", stored=np.int32, code=FLAGS)
+    met: np.ndarray = array("rule", about="whether each rule was met at the last look", stored=np.int32, code=FLAGS)
+    samples: np.ndarray = array("look", about="number of samples at each look")
+    estimates: np.ndarray = array("rule", "look", unit=_UNIT, about="figure of each rule at each look", gaps=True)
+    intervals: np.ndarray = array(
+        "rule", "look", 2, unit=_UNIT, about="confidence interval of each rule's figure at each look", gaps=True
+    )
+
+    @property
+    def is_met(self) -> bool:
+        """Whether all rules are."""
+        return bool(np.all(self.met))
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Half the widths of the intervals, as `wanted` has them, shape (n_rules, n_looks); infinite where unknown."""
+        return reach_of(self.estimates, self.intervals, self.relative[:, None])
+
+    def lines(self) -> Iterator[str]:
+        """Yield what is to be said on the screen."""
+        yield f"  stopped after {int(self.samples[-1])} samples, look {len(self.samples)}: {self.why}"
+        for text, unit, estimate, ends, share, relative, met in zip(
+            self.rules, self.units, self.estimates[:, -1], self.intervals[:, -1], self.reached[:, -1], self.relative,
+            self.met,
+        ):  # fmt: skip
+            unit = "" if unit == "1" else f" {unit}"
+            reached = f"{100 * share:.3g} %" if relative else f"{share:.3g}{unit}"
+            known = f"{estimate:.6g}{unit} [{ends[0]:.6g}, {ends[1]:.6g}], +- {reached}"
+            yield f"  {text:40s} {'met' if met else 'NOT MET':8s}{known if np.isfinite(share) else 'not known yet'}"
+
+
+def reach_of(estimates: np.ndarray, intervals: np.ndarray, relative: np.ndarray | bool) -> np.ndarray:
+    """Return half the widths of intervals (..., 2), as a share of the size of their figures (...) where relative."""
+    with np.errstate(all="ignore"):
+        half = 0.5 * (intervals[..., 1] - intervals[..., 0])
+        reach = np.where(relative, half / np.abs(estimates), half)
+    return np.where(np.isfinite(reach), reach, np.inf)
+
+
+PARAMETERS = "parameters."  # before the names of columns that are parameters
+_REMARKS = (to_json, from_json)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Which part of which ensemble a shard is.
+
+    Attributes
+    ----------
+    number, count
+        Of the shard, from 1, and of shards.
+    n_samples
+        Of the whole ensemble.
+    first
+        Number of the first sample.
+    run
+        What the ensemble is, by key; the same for all shards.
+    file
+        Of the samples where they are from a file: its path, the identity of its content and the parameters it gives.
+    """
+
+    number: int
+    count: int
+    n_samples: int
+    first: int
+    run: dict[str, object]
+    file: dict[str, object] | None = None
+
+
+@dataclass(frozen=True)
+class ShardSamples(Result):
+    """The samples of a shard; the remarks of its record are those on the scene.
+
+    `columns` are by ``<kind>.<name>``, and ``status`` and ``failure_time``; arrays of a file are read one by one.
+    """
+
+    kind = "shard"
+    model: str = attribute("@model", allowed=MODELS, about="full, components or reduced")
+    record: RunRecord = run_record()
+    place: Place = attribute(
+        "@shard", code=(lambda place: json.dumps(vars(place)), lambda text: Place(**json.loads(text))),
+        about="which part it is of which ensemble (JSON)",
+    )  # fmt: skip
+    units: dict[str, str] = attribute("@units", code=JSON, about="of the outputs, by name (JSON)")
+    not_estimated: tuple[Remark, ...] = attribute(
+        "@not_estimated", code=_REMARKS, about="on errors that are not estimated (JSON)"
+    )
+    file_remarks: tuple[Remark, ...] = attribute("@file_remarks", code=_REMARKS, about="on a file of samples (JSON)")
+    checked_share: float = attribute("@checked_share", about="of the samples whose errors are estimated")
+    found: tuple[Remark, ...] = attribute(
+        "@found", code=_REMARKS, about="on pieces of the checkpoint that were not taken up (JSON)"
+    )
+    columns: Mapping[str, np.ndarray] = array(
+        "sample", unit="SI", about="{name} of each sample", ordered=True, colons=True, lazy=True,
+        gaps=lambda name: not name.startswith(PARAMETERS),
+    )  # fmt: skip
+    bands: Mapping[str, np.ndarray] = array(
+        "known", "time", unit="SI", about="{name} over time, one sample a row", ordered=True, colons=True, lazy=True,
+        gaps=True,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.units, dict):
+            raise ValueError(f"units are {self.units!r}; needed: one of every output")
+        if "status" not in [*self.columns]:
+            raise ValueError("columns lack 'status'")
+        sizes = check_sizes(self)
+        if sizes.get("known", 0) > sizes["sample"]:
+            raise ValueError(f"bands are of {sizes['known']} samples; needed: at most the {sizes['sample']} there are")
+
+    @property
+    def status(self) -> np.ndarray:
+        """How each sample ended, 0 = fine, shape (n,)."""
+        return self.columns["status"]
+
+
+#: Read a shard; its arrays are read one by one, within the block.
+read_shard = ShardSamples.opened
+
+
+UNKNOWN = float("nan")
+FIGURES = {
+    "mean": "mean",
+    "std": "standard deviation",
+    "bias": "mean of the ensemble's model less the best's",
+    "estimate": "probability",
+}
+
+
+def _of_best(own: Figure) -> bool:
+    return bool(np.isfinite(own.alone))
+
+
+@dataclass(frozen=True)
+class Figure(Record):
+    """A figure of the best model; of a bias one model alone has none."""
+
+    estimate: float = array(at="{name}", unit="{unit}", about="{of}, from samples of all models", gaps=True)
+    interval: np.ndarray = array(
+        2, at="{name}_interval", unit="{unit}", gaps=True,
+        about="{confidence!p} confidence interval: {of}, the error of the cheaper models included",
+    )  # fmt: skip
+    alone: float = array(
+        at="{name}_alone", unit="{unit}", about="{of}, from the samples of the best model alone", gaps=True,
+        absent=UNKNOWN, when=_of_best,
+    )  # fmt: skip
+    alone_interval: np.ndarray = array(
+        2, at="{name}_alone_interval", unit="{unit}", about="its confidence interval", gaps=True,
+        default=np.full(2, UNKNOWN),
+        absent=lambda taken: NEEDED if np.isfinite(taken["alone"]) else np.full(2, UNKNOWN), when=_of_best,
+    )  # fmt: skip
+    FURTHER = (derived(float, lambda _, at: at.words["confidence"], "{name}_interval@confidence"),)
+
+    @property
+    def narrower(self) -> float:
+        """How many times narrower the interval is than that of the best model alone; NaN where one is not known."""
+        width, alone = (float(ends[1] - ends[0]) for ends in (self.interval, self.alone_interval))
+        return alone / width if width > 0.0 and np.isfinite(alone) else float("nan")
+
+
+def _words(own: Corrected, name: str, at: Context) -> dict[str, Any]:
+    unit = at.words["unit"] if "mean" in own.figures else "1"
+    return {"unit": unit, "of": f"{FIGURES[name]} of '{at.words['name']}'"}
+
+
+@dataclass(frozen=True)
+class Corrected(Record):
+    """A quantity in the best model: of an output mean, deviation and bias (the mean of the ensemble's own model less
+    that of the best one), of an event its probability, ``estimate``."""
+
+    figures: dict[str, Figure] = array(at="", words=_words, names=lambda group, _: [k for k in FIGURES if k in group])
+    counts: np.ndarray = array("model", at="samples", about="samples of each model, the best first")
+    correlations: np.ndarray = array(
+        "cheaper", at="correlation", about="of the cheaper models with the best one", gaps=True
+    )
+    coefficients: np.ndarray = array(
+        "cheaper", at="coefficient", about="with which the cheaper models are taken", gaps=True
+    )
+
+
+@dataclass(frozen=True)
+class Joined(Record):
+    """Several models of one scene on the same draws: figures by quantity and by label of an event, and the samples of
+    the better models; a failed one has NaN."""
+
+    models: tuple[str, ...] = attribute("corrected@models", "model", about="the best first, that of the ensemble last")
+    confidence: float = attribute("corrected@confidence", about="level of the intervals")
+    corrected: dict[str, Corrected] = array(ordered=True, words=lambda own, *_: {"confidence": own.confidence})
+    outputs: dict[str, Mapping[str, np.ndarray]] = array(
+        "...", at="better/{key}/outputs", unit="{unit}", colons=True, gaps=True,
+        about="output '{name}' of {outer} at the end time, of the ensemble's first samples",
+        names=lambda _, taken: taken["models"][:-1],
+    )  # fmt: skip
+    status: dict[str, np.ndarray] = array(
+        "...", at="better/{key}/status", about="how each sample of {name} ended; 0 = fine", stored=np.int32,
+        colons=True, names=lambda _, taken: taken["models"][:-1],
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for model, status in self.status.items():
+            for name, values in self.outputs[model].items():
+                check_shape(f"outputs '{name}' of {model}", values.shape, status.shape, {})
+
+    @property
+    def n_failed(self) -> int:
+        """Samples of the better models that failed."""
+        return sum(int(np.sum(status != 0)) for status in self.status.values())
+
 
 #: What is known of an output over time, sample by sample.
 EXTREMES = {

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.declare.records import Result, array, columns_of, run_record
-from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.runtime.files import RunRecord
 
 ABOUT = "flexible eigenfrequencies, rising; rigid motion left out"

@@ -25,10 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import Cylindrical, joints_with
+from pgmp_petsc.scene.joints import joints_with
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import ordered_ends
 
@@ -79,13 +80,16 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
 
 
 def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
-    """Yield a line if the motion of a cylindrical joint is not said, or that of another one is."""
-    cylindrical = isinstance(scene.joints.get(on_joint.joint), Cylindrical)
-    motion = getattr(on_joint, "motion", None)
-    if cylindrical and motion is None and "motion" in type(on_joint).model_fields:
-        yield problem(f"{entry}.motion", f'missing; {on_joint.joint} is cylindrical: "turning" or "sliding" is needed')
-    elif motion is not None and not cylindrical:
-        yield problem(f"{entry}.motion", "for cylindrical joints; others have one motion; leave it out", motion)
+    """Yield a line if the motion of a joint with several is not said, or that of another one is."""
+    joint, motion = scene.joints.get(on_joint.joint), getattr(on_joint, "motion", None)
+    several = joint is not None and len(joint.motions) > 1
+    if several and motion is None and "motion" in type(on_joint).model_fields:
+        needed = " or ".join(f'"{one}"' for one in joint.motions)
+        yield problem(f"{entry}.motion", f"missing; {on_joint.joint} is {joint.type}: {needed} is needed")
+    elif motion is not None and not several:
+        kinds = (kind.model_fields["type"].annotation.__args__[0] for kind in JOINTS.found() if len(kind.motions) > 1)
+        words = f"for {', '.join(kinds)} joints; others have one motion; leave it out"
+        yield problem(f"{entry}.motion", words, motion)
 
 
 def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:

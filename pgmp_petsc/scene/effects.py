@@ -232,9 +232,9 @@ class OverTime(EffectEntry):
 class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
-    joint: str = Field(description="name of a revolute joint, or of one that slides")
+    joint: str = Field(description="name of a joint that turns or slides")
     motion: Literal["turning", "sliding"] | None = Field(
-        None, description="which motion of a cylindrical joint; others have one"
+        None, description="which motion of a joint that has both"
     )
 
 

@@ -1,17 +1,27 @@
-"""Ground points, joints and the coordinates that describe the rigid motion."""
+"""Ground points, what a scene may say of joints, and the coordinates that describe the rigid motion.
+
+A joint is one class: its entries, what it holds, and what it leaves free. The joints themselves are in `joints`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic_core import CoreSchema
 
-from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name, Place, Table, refusal
+from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
+from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, refusal
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
 
 ORIGIN = "origin"
+MEASURED = ("turning", "sliding")
+MOTIONS = (*MEASURED, "spin")
 PARALLEL = 1e-6  # sine of the angle between two axes that are taken for one
 
 
@@ -41,143 +51,95 @@ class Ground(Table):
         return points
 
 
-class _Joint(Table):
-    """Two points of different bodies, or of a body and the ground."""
+class JointEntry(Table):
+    """A table ``[joints.NAME]``. A joint is a subclass with ``type: Literal["..."]``, its entries, and `statements`.
 
-    #: Number of constraints in the plane and in space.
-    n_constraints: ClassVar[dict[int, int]]
-    #: Motions that it leaves free and that are measured: "turning" about its axis, "sliding" along it or its line.
+    It holds two points of different bodies, or of a body and the ground.
+    """
+
+    #: Where it can be: 2 in the plane, 3 in space.
+    dimensions: ClassVar[tuple[int, ...]]
+    #: Motions that it leaves free and that are measured: ``turning`` about its first axis, ``sliding`` along it, or
+    #: ``spin`` about several axes.
     motions: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Directions that say how the joint stands in space, in the frame of the first point's owner; one or two."""
-        return ((1.0, 0.0, 0.0),)
+    @classmethod
+    def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
+        if not JOINTS.take(cls):
+            return
+        dimensions = getattr(cls, "dimensions", ())
+        if not dimensions or not {*dimensions} <= {2, 3}:
+            raise refuse(cls, "a joint says where it can be: dimensions = (2, 3), in the plane and in space, or one")
+        if not {*cls.motions} <= {*MOTIONS}:
+            raise refuse(cls, f"motions that a joint leaves free are {', '.join(MOTIONS)}")
+        if cls.statements is JointEntry.statements:
+            raise refuse(cls, "a joint has the method statements(self, in_a, in_b), which returns what it holds")
+        for d in dimensions:
+            try:
+                held = cls.model_construct().statements(np.eye(d), np.eye(d))
+                if not held or any(part.axes.shape != (3, d) for part in held):
+                    raise TypeError(f"a list of mechanism.statements in {d} dimensions is needed")
+            except Exception as error:
+                if not isinstance(getattr(error, "obj", None), cls) or error.name not in cls.model_fields:
+                    raise refuse(cls, f"statements: {type(error).__name__}: {error}") from error
 
-
-class Revolute(_Joint):
-    """Two points share their position; the relative rotation is free, in space about an axis."""
-
-    n_constraints: ClassVar[dict[int, int]] = {2: 2, 3: 5}
-    motions: ClassVar[tuple[str, ...]] = ("turning",)
-    type: Literal["revolute"]
-    axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
-
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """The axis of rotation."""
-        return (self.axis,)
-
-
-class PointOnLine(_Joint):
-    """The second point moves on a line through the first."""
-
-    n_constraints: ClassVar[dict[int, int]] = {2: 1, 3: 2}
-    motions: ClassVar[tuple[str, ...]] = ("sliding",)
-    type: Literal["point_on_line"]
-    connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
-    direction: Direction = Field(
-        description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
-    )
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        found = handler(schema)
+        where = " and ".join({2: "in the plane", 3: "in space"}[d] for d in cls.dimensions)
+        free = f"; {' and '.join(cls.motions)} can be acted on and measured" if {*cls.motions} & {*MEASURED} else ""
+        of = handler.resolve_ref_schema(found)
+        of["description"] = f"{of['description']} {where.capitalize()}{free}."
+        return found
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """The line's direction."""
-        return (self.direction,)
+        """Directions that say how the joint stands, in the frame of the first point's owner: none, one or two."""
+        return ()
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> Sequence[Any]:
+        """Return what is to be zero, `mechanism.statements` about the frames a and b of its points.
+
+        Parameters
+        ----------
+        in_a, in_b
+            The joint's axes, an orthonormal triad along `axes`, in the frame of a, and the same directions, as
+            assembled, in the frame of b, shape (d, d) each, one axis a column.
+        """
+        raise NotImplementedError
+
+    def n_constraints(self, dimension: int) -> int:
+        """Return the number of statements in the plane or in space."""
+        return len(self.statements(np.eye(dimension), np.eye(dimension)))
+
+    def without_spin(self, axes: np.ndarray) -> str:
+        """Return the entries of a joint in its place that holds what this one leaves free between two such joints.
+
+        That is an idle spin of a body about the line through both, across which `axes` (3, 2) are, one a column, in the
+        frame of a. Empty where it holds that.
+        """
+        return ""
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit the rest of the scene."""
+        yield from ()
 
 
-class Fixed(_Joint):
-    """Two points share position and rotation: their bodies are welded at the angle that they are placed at."""
-
-    n_constraints: ClassVar[dict[int, int]] = {2: 3, 3: 6}
-    type: Literal["fixed"]
+#: A table of ``[joints]``.
+Joint = Annotated[JointEntry, Found(JOINTS)]
 
 
-class Spherical(_Joint):
-    """Two points share their position; every rotation is free. In space."""
-
-    n_constraints: ClassVar[dict[int, int]] = {3: 3}
-    type: Literal["spherical"]
-
-
-class Universal(_Joint):
-    """Two points share their position, and an axis of each body stays at a right angle to one of the other. In
-    space."""
-
-    n_constraints: ClassVar[dict[int, int]] = {3: 4}
-    type: Literal["universal"]
-    axis: Axis = Field(description="axis (x, y, z) fixed in the first body, in its frame")
-    second_axis: Axis = Field(description="axis fixed in the second body; in the frame of the first one, as assembled")
-
-    @model_validator(mode="after")
-    def _axes_differ(self) -> Self:
-        if are_parallel(self.axis, self.second_axis):
-            raise refusal("must not have the direction of axis; both axes are at a right angle", "second_axis")
-        return self
-
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Both axes of rotation."""
-        return self.axis, self.second_axis
-
-
-class _Guided(_Joint):
-    axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
-
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """The axis of the motion."""
-        return (self.axis,)
-
-
-class Cylindrical(_Guided):
-    """The second point moves on an axis through the first, and turns about it. In space."""
-
-    n_constraints: ClassVar[dict[int, int]] = {3: 4}
-    motions: ClassVar[tuple[str, ...]] = ("turning", "sliding")
-    type: Literal["cylindrical"]
-
-
-class Prismatic(_Guided):
-    """The second point moves on an axis through the first without turning. In space."""
-
-    n_constraints: ClassVar[dict[int, int]] = {3: 5}
-    motions: ClassVar[tuple[str, ...]] = ("sliding",)
-    type: Literal["prismatic"]
-
-
-class PointOnPlane(_Joint):
-    """The second point moves on a plane through the first. In space."""
-
-    n_constraints: ClassVar[dict[int, int]] = {3: 1}
-    type: Literal["point_on_plane"]
-    normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
-
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """The plane's normal."""
-        return (self.normal,)
-
-
-Joint = Annotated[
-    Revolute | PointOnLine | Fixed | Spherical | Universal | Cylindrical | Prismatic | PointOnPlane,
-    Field(discriminator="type"),
-]
-#: Joints that a mechanism in the plane may have.
-PLANAR_JOINTS = ("revolute", "point_on_line", "fixed")
-
-
-def joints_with(*motions: str, dimension: int = 3) -> tuple[type[_Joint], ...]:
+def joints_with(*motions: str, dimension: int) -> tuple[type[JointEntry], ...]:
     """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
-    kinds = [kind for kind in (Revolute, PointOnLine, Cylindrical, Prismatic) if dimension in kind.n_constraints]
+    kinds = (kind for kind in JOINTS.found() if dimension in kind.dimensions)
     return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions))
 
 
 class Coordinate(Table):
-    """A rigid coordinate: the angle of a revolute joint over a range of configurations."""
+    """A rigid coordinate: the angle of a joint that turns over a range of configurations."""
 
-    joint: str = Field(description="name of a revolute joint; its relative rotation is the coordinate")
+    joint: str = Field(description="name of a joint that turns; its relative rotation is the coordinate")
     range: Interval = Field(
         description="first and last angle (rad); zero is where the frames of both bodies point the same way, in space "
         "where the bodies are as placed"

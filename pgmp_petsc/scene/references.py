@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effect_checks import (
     effect_problems,
@@ -21,7 +22,7 @@ from pgmp_petsc.scene.effect_checks import (
 )
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import PLANAR_JOINTS, Revolute, joints_with
+from pgmp_petsc.scene.joints import joints_with
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import Use, uses_of
 
@@ -75,6 +76,13 @@ def _joints(scene: Scene) -> Iterator[str]:
                 f"a joint connects two different bodies, or a body and the ground; both points are on {owners[0]}",
                 joint.connect,
             )
+        if scene.dimension not in joint.dimensions:
+            here, elsewhere = ("in the plane", "in space")[:: 1 if scene.dimension == 2 else -1]
+            kinds = (one for one, kind in zip(JOINTS.names, JOINTS.found()) if scene.dimension in kind.dimensions)
+            words = f"for mechanisms {elsewhere} (allowed {here}: {', '.join(kinds)})"
+            yield problem(f"joints.{name}.type", words, joint.type)
+        else:
+            yield from joint.problems(scene, name)
 
 
 def _coordinates(scene: Scene) -> Iterator[str]:
@@ -99,7 +107,8 @@ def _coordinates(scene: Scene) -> Iterator[str]:
                 "periodic = true",
                 list(coordinate.range),
             )
-        yield from _revolute(scene, entry, coordinate.joint)
+        fitting = joints_with("turning", dimension=scene.dimension)
+        yield from joint_problems(scene, entry, coordinate.joint, fitting)
         if coordinate.joint in taken:
             yield problem(
                 entry,
@@ -172,10 +181,6 @@ def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
         yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
 
 
-def _revolute(scene: Scene, entry: str, joint: str) -> Iterator[str]:
-    return joint_problems(scene, entry, joint, (Revolute,))
-
-
 def space_problems(scene: Scene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the space."""
     space = scene.dimension == 3
@@ -206,16 +211,6 @@ def _vectors(scene: Scene) -> Iterator[str]:
 
 
 def _in_the_plane(scene: Scene) -> Iterator[str]:
-    for name, joint in scene.joints.items():
-        if joint.type not in PLANAR_JOINTS:
-            allowed = ", ".join(PLANAR_JOINTS)
-            yield problem(
-                f"joints.{name}.type", f"for mechanisms in space (allowed in the plane: {allowed})", joint.type
-            )
-        elif joint.type == "revolute" and joint.axis is not None:
-            yield problem(
-                f"joints.{name}.axis", "for mechanisms in space; in the plane the axis is z", list(joint.axis)
-            )
     for name, body in scene.bodies.items():
         if body.placement is not None and body.placement.rotation is not None:
             rotation = list(body.placement.rotation)
@@ -235,6 +230,3 @@ def _in_space(scene: Scene) -> Iterator[str]:
             )
         if body.placement is not None and body.placement.angle:
             yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)
-    for name, joint in scene.joints.items():
-        if joint.type == "revolute" and joint.axis is None:
-            yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")

@@ -93,7 +93,7 @@ class Scene(Table):
     def n_overconstrained(self) -> int:
         """Number of constraints that rigid bodies with these coordinates do not need: those of parallel hinges, say."""
         motions = (3 if self.dimension == 2 else 6) * len(self.bodies)
-        held = sum(joint.n_constraints[self.dimension] for joint in self.joints.values())
+        held = sum(joint.n_constraints(self.dimension) for joint in self.joints.values())
         return max(0, held - (motions - len(self.coordinates)))
 
     @property

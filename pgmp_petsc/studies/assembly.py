@@ -11,7 +11,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models.model import start_of
-from pgmp_petsc.results.effect_sizes import Assembly
+from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.results.trajectory import Frames
 from pgmp_petsc.scene import GROUND, Scene
 

@@ -12,7 +12,7 @@ from pgmp_petsc.dynamics.reduced_energy import load_powers
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.runtime.errors import Remark, warning
 
 # Of the most energy that was moved around: runs whose steps resolve what goes on stay below a hundredth while it is

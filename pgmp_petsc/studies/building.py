@@ -36,23 +36,12 @@ Said = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Built:
-    """A reduced model and what its file keeps beside it.
+    """A reduced model and what its file keeps beside it."""
 
-    Attributes
-    ----------
-    rom
-        On the first rank, None elsewhere.
-    selection
-        What was chosen for tolerances; None where nothing was.
-    sizes
-        Of effects, where they were chosen by size.
-    checkpoint
-        What is to be removed once the file is written; None where nothing was kept on the way.
-    """
-
-    rom: ReducedOrderModel | None
-    selection: Selection | None = None
-    sizes: EffectSizes | None = None
+    rom: ReducedOrderModel | None  # on the first rank, None elsewhere
+    selection: Selection | None = None  # what was chosen for tolerances; None where nothing was
+    sizes: EffectSizes | None = None  # of effects, where they were chosen by size
+    # what is to be removed once the file is written; None where nothing was kept on the way
     checkpoint: BuildCheckpoint | Finished | None = None
 
     def write(self, path: Path) -> None:

@@ -15,8 +15,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.components.condensing import check_slender
-from pgmp_petsc.components.trial import Trial
+from pgmp_petsc.components.condensing import Trial, check_slender
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities

@@ -25,24 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Question:
-    """What is to be designed.
+    """What is to be designed."""
 
-    Attributes
-    ----------
-    goal, constraints
-        What is wanted.
-    names
-        Parameters of the design.
-    deviations
-        K of robust figures; None for nominal ones.
-    n_samples, seed
-        Of robust figures.
-    """
-
+    # goal, constraints: what is wanted
     goal: Goal
     constraints: tuple[Constraint, ...]
-    names: tuple[str, ...]
-    deviations: float | None = None
+    names: tuple[str, ...]  # parameters of the design
+    deviations: float | None = None  # k of robust figures; None for nominal ones
+    # n_samples, seed: of robust figures
     n_samples: int = 64
     seed: int = 1
 

@@ -42,7 +42,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.static_loads import InfluenceProbe
-from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
+from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError, Remark, note, warning
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.installed import alone

@@ -24,8 +24,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.outputs.readings import RigidReference
-from pgmp_petsc.results.body_fields import BodyField
-from pgmp_petsc.results.trajectory import Frames, Trajectory
+from pgmp_petsc.results.trajectory import BodyField, Frames, Trajectory
 from pgmp_petsc.runtime.errors import InputError, Remark, note
 
 

@@ -31,18 +31,18 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
+from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.goals import TurnedBack
 from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered
-from pgmp_petsc.studies.sensitivities import contact_remarks
+from pgmp_petsc.studies.sensitivities import chosen_parameters, contact_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -95,24 +95,13 @@ def fit(
     """
     found = None
     with agreed(comm, "fit"):
-        names = _names(model.scene, asked)
+        why = "none has a distribution, so it is not known which to fit; name them, with --parameter NAME"
+        names = chosen_parameters(model.scene, asked, uncertain_names(model.scene), why)
         _check(history, names, noise)
         if comm.rank == 0:
             with progress(None, "runs of the fit", comm) as bar:
                 found = _Fitting(model, history, names, noise, bar.update).result(comm.size)
     return found
-
-
-def _names(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
-    for name in asked:
-        if name not in scene.parameters:
-            raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
-    names = tuple(dict.fromkeys(asked)) or tuple(uncertain_names(scene))
-    if not names:
-        raise InputError(
-            "parameters: none has a distribution, so it is not known which to fit; name them, with --parameter NAME"
-        )
-    return names
 
 
 def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float]) -> None:

@@ -10,7 +10,7 @@
     history     = output | "abs" "(" output ")"
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
-(`results/derivatives.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
+(`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
 the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
 
 Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
-from pgmp_petsc.results.derivatives import Vertex, vertex
+from pgmp_petsc.results.gradients import Vertex, vertex
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, warning
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
@@ -118,37 +118,20 @@ FIGURES = {
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A goal: what is made as small as it becomes is ``sense`` times the expression.
+    """A goal: what is made as small as it becomes is ``sense`` times the expression."""
 
-    Attributes
-    ----------
-    text
-        As it was written.
-    sense
-        1, or -1 of what is maximised.
-    """
-
-    text: str
-    sense: float
+    text: str  # as it was written
+    sense: float  # 1, or -1 of what is maximised
     expression: Expression
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A constraint: ``sense (left - right) <= 0``.
+    """A constraint: ``sense (left - right) <= 0``."""
 
-    Attributes
-    ----------
-    text
-        As it was written.
-    sense
-        1 of ``<=``, -1 of ``>=``.
-    left, right
-        Both sides.
-    """
-
-    text: str
-    sense: float
+    text: str  # as it was written
+    sense: float  # 1 of ``<=``, -1 of ``>=``
+    # left, right: both sides
     left: Expression
     right: Expression
 
@@ -326,18 +309,10 @@ def _joined(sign: str, left: Expression, right: Expression) -> Expression:
 
 @dataclass
 class TurnedBack:
-    """What a search turned back from.
+    """What a search turned back from."""
 
-    Attributes
-    ----------
-    count
-        How often.
-    first
-        The first place and the reason, in words.
-    """
-
-    count: int = 0
-    first: str = ""
+    count: int = 0  # how often
+    first: str = ""  # the first place and the reason, in words
 
     def add(self, error: PgmpError) -> None:
         """Take in one more."""

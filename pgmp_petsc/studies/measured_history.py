@@ -28,21 +28,11 @@ BY_CHANCE = 3.5  # times 1 / sqrt(n), the deviation of correlations of n indepen
 
 @dataclass(frozen=True, eq=False)
 class MeasuredHistory:
-    """What was measured.
+    """What was measured."""
 
-    Attributes
-    ----------
-    time
-        Increasing, shape (n,), s.
-    outputs
-        By name, each of shape (n,).
-    remarks
-        What is to be said of the file.
-    """
-
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
-    remarks: tuple[Remark, ...] = ()
+    time: np.ndarray  # increasing, shape (n,), s
+    outputs: dict[str, np.ndarray]  # by name, each of shape (n,)
+    remarks: tuple[Remark, ...] = ()  # what is to be said of the file
 
 
 def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHistory:

@@ -21,10 +21,10 @@ import numpy as np
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.results.designs import Design, DesignConstraint, DesignParameter
+from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
@@ -32,7 +32,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.design_figures import DesignFigures, Question
 from pgmp_petsc.studies.fitting import served_remarks
 from pgmp_petsc.studies.goals import Dual, Outcome
-from pgmp_petsc.studies.sensitivities import contact_remarks, step_remarks
+from pgmp_petsc.studies.sensitivities import chosen_parameters, contact_remarks, step_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -45,24 +45,11 @@ DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the 
 
 
 def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
-    """Return the parameters of a design: those asked for, or all with bounds or a distribution.
-
-    Raises
-    ------
-    InputError
-        If there is none, or none of a name.
-    """
-    for name in asked:
-        if name not in scene.parameters:
-            raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
+    """Return the parameters of a design: those asked for, or all with bounds or a distribution; raises as
+    `chosen_parameters`."""
     known = [n for n, p in scene.parameters.items() if p.bounds is not None or p.distribution is not None]
-    names = tuple(dict.fromkeys(asked)) or tuple(known)
-    if not names:
-        raise InputError(
-            "parameters: none has bounds or a distribution, so it is not known which to design; name them, with "
-            "--parameter NAME"
-        )
-    return names
+    why = "none has bounds or a distribution, so it is not known which to design; name them, with --parameter NAME"
+    return chosen_parameters(scene, asked, known, why)
 
 
 def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:

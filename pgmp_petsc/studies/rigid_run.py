@@ -17,11 +17,11 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement, along
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import Reading
-from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
@@ -31,7 +31,6 @@ from pgmp_petsc.studies.balance import balance_of
 
 FEW_STEPS = 150
 MAX_STEPS = 600  # more do not change an order of magnitude
-BALLS = ("spherical", "universal")  # joints that turn about several axes
 RESOLVED = 0.15  # largest turn (rad) and share of the largest speed in a step: errors of second order are below 1 %
 
 
@@ -168,11 +167,11 @@ def _collect(
     for connection in mechanism.connections:
         name, entry = connection.name, model.scene.joints.get(connection.name)  # welded masses have none
         for motion in () if entry is None else entry.motions:
-            statement = along(connection.axes[0][:, 0]) if motion == "sliding" else connection.angle
-            joints[name, motion] = rates(statement, connection.sides)[0]
-        if connection.joint.kind in BALLS:
-            spins = [_spin(unknowns, side, parts) for side in connection.sides]
-            joints[name, "spin"] = np.linalg.norm(spins[1] - spins[0], axis=0)
+            if motion == "spin":
+                spins = [_spin(unknowns, side, parts) for side in connection.sides]
+                joints[name, motion] = np.linalg.norm(spins[1] - spins[0], axis=0)
+            else:
+                joints[name, motion] = rates(connection.measure(motion), connection.sides)[0]
     heights, total = np.zeros((time.size, d)), 0.0
     for body in mechanism.bodies:
         mass = _mass_of(body, values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.indicator.coverage import polynomials_of_lengths
 from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives, Instants
+from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note
 from pgmp_petsc.runtime.files import RunRecord
@@ -30,23 +30,21 @@ LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside i
 ROUND_OFF = 1e-9  # of an output's largest value
 
 
-def chosen_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
-    """Return the parameters that are asked for, each once, all of the scene where none is.
+def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
+    """Return the parameters that are asked for, each once, all that are known where none is.
 
     Raises
     ------
     InputError
-        If there is no parameter, or none of a name.
+        If there is no parameter, with what is to be done `without`, or none of a name.
     """
     for name in asked:
         if name not in scene.parameters:
             raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
-    if not scene.parameters:
-        raise InputError(
-            "parameters: the scene has none; give a number a name, such as [parameters.r1] nominal = 5.6e-3, and the "
-            "name in its place"
-        )
-    return tuple(dict.fromkeys(asked)) or tuple(scene.parameters)
+    names = tuple(dict.fromkeys(asked)) or tuple(known)
+    if not names:
+        raise InputError(f"parameters: {without}")
+    return names
 
 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> Derivatives | None:
@@ -69,7 +67,10 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> 
     """
     found = None
     with agreed(comm, "sensitivities"):
-        names = chosen_parameters(model.scene, asked)
+        names = chosen_parameters(
+            model.scene, asked, model.scene.parameters, "the scene has none; give a number a name, such as "
+            "[parameters.r1] nominal = 5.6e-3, and the name in its place",
+        )  # fmt: skip
         if comm.rank == 0:
             found = _on_one_rank(model, names, comm)
     return found

@@ -12,10 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import (
+    Attempt,
+    Run,
+    Together,
+    count_steps,
+    integrate,
+    integrate_with_smaller_steps,
+)
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.static_equilibrium import require_settled, start_remarks
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import CoarserRun, coarser, run_coarser, step_errors
@@ -35,7 +41,7 @@ from pgmp_petsc.indicator.sampled_load import jump_remarks
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.tables import smoother
-from pgmp_petsc.results.errors import OF_STEP, EstimatedErrors
+from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import Remark, note, warning
@@ -47,8 +53,7 @@ from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
-from pgmp_petsc.studies.full_record import FullRecord
-from pgmp_petsc.studies.reduced_record import ReducedRecord
+from pgmp_petsc.studies.records import FullRecord, ReducedRecord
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -96,27 +101,13 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class _Part:
-    """What one attempt at a run computed, up to its end or its failure.
+    """What one attempt at a run computed, up to its end or its failure."""
 
-    Attributes
-    ----------
-    run
-        Its end. An instant whose state or outputs are no finite numbers is a failure.
-    attempt
-        What was integrated.
-    time
-        Instants that were computed, shape (n_t,), s; the first one always.
-    outputs
-        The outputs at these, by name, each of shape (n_t,).
-    recorded
-        What else the model keeps of them.
-    """
-
-    run: Run
-    attempt: Attempt
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
-    recorded: dict[str, Any]
+    run: Run  # its end. An instant whose state or outputs are no finite numbers is a failure
+    attempt: Attempt  # what was integrated
+    time: np.ndarray  # instants that were computed, shape (n_t,), s; the first one always
+    outputs: dict[str, np.ndarray]  # the outputs at these, by name, each of shape (n_t,)
+    recorded: dict[str, Any]  # what else the model keeps of them
 
     @classmethod
     def of(

@@ -16,11 +16,11 @@ from pgmp_petsc.results.numbers import (
     percent as _percent,
     share_text,
 )
-from pgmp_petsc.texts import estimates
+from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 
 if TYPE_CHECKING:
-    from pgmp_petsc.results.rare_event import RareEvent
-    from pgmp_petsc.results.shard import ShardSamples
+    from pgmp_petsc.results.ensemble import ShardSamples
+    from pgmp_petsc.results.statistics import RareEvent
     from pgmp_petsc.runtime.errors import Remark
 
 SHOWN = 12  # parameters of a design point
@@ -29,8 +29,8 @@ SHOWN = 12  # parameters of a design point
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
-    lines += [*estimates.of_ensemble(ensemble), *estimates.of_balance(ensemble)]
-    return "\n".join([*lines, *estimates.closing(ensemble.record, said)])
+    lines += [*of_ensemble(ensemble), *of_balance(ensemble)]
+    return "\n".join([*lines, *closing(ensemble.record, said)])
 
 
 def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -42,7 +42,7 @@ def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()
     if failed:
         lines.append(f"  {failed} of {last - first} samples failed; pgmp merge says why")
     lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
-    return "\n".join([*lines, *estimates.closing(shard.record, said)])
+    return "\n".join([*lines, *closing(shard.record, said)])
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:
@@ -168,7 +168,7 @@ def _unit(ensemble: Ensemble, name: str) -> tuple[float, str]:
 def report_of_rare_event(result: RareEvent, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the probability of a rare event, how it was found, and all remarks but those that were said before."""
     lines = [f"{path}: {result.model} model, {len(result.value)} samples", *lines_of_rare_event(result)]
-    return "\n".join([*lines, *estimates.closing(result.record, said)])
+    return "\n".join([*lines, *closing(result.record, said)])
 
 
 def lines_of_rare_event(result: RareEvent) -> list[str]:

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.results.derivatives import Derivatives, Figure
-from pgmp_petsc.results.designs import Design
-from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
 from pgmp_petsc.results.numbers import interval_text, percent, share_text
 from pgmp_petsc.runtime.errors import Remark, counted
-from pgmp_petsc.texts.estimates import closing
+from pgmp_petsc.texts.models import closing
 
 NOTHING = 1e-9  # share of what a constraint had at the start
 

@@ -1,20 +1,25 @@
-"""What is said of single runs, of reduced models and of tables of frequencies."""
+"""What is said of single runs, of reduced models and of tables of frequencies.
+
+What is said of estimated errors, of how far runs left small deformations, and of their balance of energy; and how
+every report ends.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.results.numbers import axis_unit
-from pgmp_petsc.texts import estimates
+from pgmp_petsc.results.estimates import OF_STEP
+from pgmp_petsc.results.numbers import axis_unit, plain, share_text
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.rom import ReducedOrderModel
-    from pgmp_petsc.results import ModesTable, Trajectory
+    from pgmp_petsc.results import Ensemble, EstimatedErrors, ModesTable, Trajectory
     from pgmp_petsc.runtime.errors import Remark
+    from pgmp_petsc.runtime.files import RunRecord
     from pgmp_petsc.studies.building import Built
 
 SHOWN = 6
@@ -27,9 +32,9 @@ def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = (
     for name, values in trajectory.outputs.items():
         factor, unit = axis_unit(trajectory.units[name], values)
         lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
-    lines += estimates.of_run(trajectory)
+    lines += of_run(trajectory)
     # why it stopped is the error that ends the command
-    return "\n".join([*lines, *estimates.closing(trajectory.record, said, trajectory.why_stopped or "")])
+    return "\n".join([*lines, *closing(trajectory.record, said, trajectory.why_stopped or "")])
 
 
 def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -46,7 +51,7 @@ def report_of_modes(table: ModesTable, path: Path, said: Sequence[Remark] = ()) 
             some = np.abs(full) > NOTHING * np.max(np.abs(full))
             line += f" {np.max(np.abs(table.reduced_hz[some, mode] / full[some] - 1), initial=0.0):14.2e}"
         lines.append(line)
-    return "\n".join([*lines, *estimates.closing(table.record, said)])
+    return "\n".join([*lines, *closing(table.record, said)])
 
 
 def report_of_build(made: Built, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -69,7 +74,7 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     ]
     if tables.samples.n > len(rom.frequencies_hz):
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
-    return "\n".join([*lines, *estimates.closing(rom.record, said)])
+    return "\n".join([*lines, *closing(rom.record, said)])
 
 
 def beside_modes(rom: ReducedOrderModel) -> str:
@@ -94,3 +99,97 @@ def points_report(rom: ReducedOrderModel) -> list[str]:
         f"  at the worst parameters tried, the basis misses {last:.2g} of the modes' energy norm instead of "
         f"{first:.2g}",
     ]
+
+
+#: How the values of `VALIDITY` are written; those that are not known are left out.
+WRITTEN = {
+    "elastic_rotation": "largest elastic rotation {} rad",
+    "elastic_strain": "elastic strain {}",
+    "stiffness_gained": "stiffness of a mode gained {}",
+    "stiffness_lost": "lost {} by forces in the bodies",
+}
+
+NOT_ESTIMATED = "not estimated"
+
+
+def closing(record: RunRecord, said: Sequence[Remark] = (), but: str = "") -> list[str]:
+    """Return the last lines of a report: remarks but those that were `said` before and one that ends with `but`, and
+    timings."""
+    lines = [f"  {remark}" for remark in record.remarks if remark not in said and not (but and remark.text == but)]
+    return [*lines, *(f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in record.timings.items())]
+
+
+def of_run(run: Trajectory) -> list[str]:
+    """Return estimated errors and validity of a run; nothing where neither is known."""
+    lines = [] if run.errors is None else of_trajectory(run.errors, run.units, run.time[-1])
+    return [*lines, of_validity(run.validity)] if run.validity else lines
+
+
+def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) -> list[str]:
+    """Return a line an output; the run ends at `end`, s, and what is estimated perhaps before."""
+    what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
+    partial = errors.what == OF_STEP and errors.time[-1] < end * (1.0 - 1e-9)
+    part = f"up to {errors.time[-1]:.4g} s only" if partial else "over the run"
+    lines = [f"  estimated errors {part}, of {what}"]
+    for name in errors.outputs:
+        known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
+        absent = f"{NOT_ESTIMATED:>16s}: {errors.absent.get(name)}"
+        lines.append(f"  {name:24s}{absent if name in errors.absent else known}")
+    return lines
+
+
+def of_ensemble(ensemble: Ensemble) -> list[str]:
+    """Return the same for the samples that were checked: median and largest; and the validity of all."""
+    lines = []
+    found = dict(_known(ensemble.errors))
+    if found:
+        n_checked = max(known.size for known in found.values())
+        what = "the reduction and the time step" if ensemble.model == "reduced" else "the time step"
+        lines.append(f"  estimated errors over the run, of {what}; {n_checked} samples: median, largest")
+        for name, known in found.items():
+            s = ensemble.statistics.get(name)
+            factor, unit = axis_unit(ensemble.units[name], known if s is None or not s.count else s.quantiles)
+            median, most = (f"{plain(factor * value):>14s}" for value in (np.median(known), np.max(known)))
+            lines.append(f"  {name:24s}{median}{most} {unit}")
+    worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}
+    return [*lines, of_validity(worst)] if worst else lines
+
+
+def _known(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield what is known of each column, where anything is; one column at a time."""
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            yield name, known
+
+
+def of_balance(ensemble: Ensemble) -> list[str]:
+    """Return one line of the samples' balance of energy; none where it was not drawn up."""
+    if not ensemble.balance:
+        return []
+    residual, exchanged = (ensemble.balance[name] for name in ("residual", "exchanged"))
+    known = np.flatnonzero(np.isfinite(residual) & (exchanged > 0.0))
+    if not known.size:
+        return ["  balance of energy: no sample is fine and moves any energy"]
+    shares = residual[known] / exchanged[known]
+    worst = int(known[np.argmax(shares)])
+    return [
+        f"  balance of energy: residual {share_text(np.median(shares))} of what is moved around in the median, "
+        f"{share_text(shares.max())} at most (sample {worst})"
+    ]
+
+
+def of_validity(validity: Mapping[str, float]) -> str:
+    """Return one line of how far a run, or the worst of several, left small deformations."""
+    known = {name: value for name, value in validity.items() if np.isfinite(value)}
+    return "  " + ", ".join(text.format(f"{known[name]:.2g}") for name, text in WRITTEN.items() if name in known)
+
+
+def _error(maximum: float, share: float, unit: str) -> str:
+    if not np.isfinite(maximum):
+        return f"{NOT_ESTIMATED:>16s}"
+    relative = f" ({share_text(share)} of its largest value)" if share <= 1.0 else ""
+    factor, shown = axis_unit(unit, np.array([maximum / share if 0.0 < share <= 1.0 else maximum]))
+    if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all
+        relative = f" (its largest value is {plain(factor * maximum / share)} {shown})"
+    return f"{plain(factor * maximum):>16s} {shown}{relative}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.texts.estimates import closing
+from pgmp_petsc.texts.models import closing
 
 if TYPE_CHECKING:
     from pgmp_petsc.runtime.errors import Remark

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from runs import IN_TURN, paper_scene, pgmp, rom_of
 
-from pgmp_petsc.api.contents import contents
-from pgmp_petsc.api.info import describe
+from pgmp_petsc.api.files import contents, describe
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.results import Derivatives, Design, Fit
-from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
+from pgmp_petsc.results.gradients import DEVIATION, PERCENT
 
 SCENE = paper_scene(
     "reduction.modes=4",

@@ -13,7 +13,7 @@ from runs import SMALL, paper_scene, rom_of
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.results.tables import columns_of
+from pgmp_petsc.results.summary import columns_of
 
 
 @pytest.fixture(scope="module")

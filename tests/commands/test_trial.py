@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 from runs import PGMP, pgmp
 
-from pgmp_petsc.components.trial import FACTORS
+from pgmp_petsc.components.condensing import FACTORS
 
 SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
 TRIAL = re.compile(

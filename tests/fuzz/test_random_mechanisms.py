@@ -24,7 +24,7 @@ CASES = 4 * int(os.environ.get("PGMP_FUZZ", "1"))
 # what an estimate promises (docs/method.md): within a factor of 3 of the true error
 FACTOR = 3.0
 # Without an estimate and without a warning: errors of the deformations that the limits of the warnings leave, a tenth
-# of the stiffness (`results.errors`), and what a basis of a few modes truncates, as the paper's 8 %.
+# of the stiffness (`results.estimates`), and what a basis of a few modes truncates, as the paper's 8 %.
 UNWARNED = 0.2
 
 

@@ -11,9 +11,8 @@ from mechanisms import accurate, run_for, start
 from mpi4py import MPI
 from runs import full_model, rom_of, run_model
 
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import Run
-from pgmp_petsc.dynamics.smaller_steps import Attempt
+from pgmp_petsc.dynamics.full_systems import FullBatch
+from pgmp_petsc.dynamics.generalised_alpha import Attempt, Run
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw

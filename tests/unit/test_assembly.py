@@ -12,9 +12,9 @@ from mpi4py import MPI
 from pictures import assert_inside, texts
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.figures.assembly import assembly
+from pgmp_petsc.figures.mechanism import assembly
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.results.effect_sizes import Assembly
+from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.studies.assembly import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -56,7 +56,7 @@ def test_bodies_stand_where_their_joints_hold_them() -> None:
 
 
 def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pgmp_petsc.figures.assembly.MOST_POINTS", 2)
+    monkeypatch.setattr("pgmp_petsc.figures.mechanism.MOST_POINTS", 2)
     lines = texts(assembly(assembled("platform_3rrr")))
     assert any("more names of points are left out" in line for line in lines)
 

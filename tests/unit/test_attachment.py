@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of
+from joint_arrays import joint
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.joints import joint, triad
+from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, angle
 from pgmp_petsc.mechanism.unknowns import Unknowns
@@ -23,9 +24,9 @@ SIDES = {
 }
 LINE, TURNED = triad(np.array([3.0, 4.0])), triad(np.array([np.cos(0.4), np.sin(0.4)]))
 JOINTS = {
-    "revolute": joint("revolute", np.eye(2), np.eye(2)).statements,
-    "fixed": joint("fixed", np.eye(2), TURNED).statements,
-    "line": joint("point_on_line", LINE, LINE).statements,
+    "revolute": joint("revolute", np.eye(2), np.eye(2)),
+    "fixed": joint("fixed", np.eye(2), TURNED),
+    "line": joint("point_on_line", LINE, LINE),
     "angle": (angle(np.eye(2), TURNED),),
 }
 # a rigid bar welded at its tip to a second one, which carries a mass at its middle; a flexible one beyond

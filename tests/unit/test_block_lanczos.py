@@ -14,8 +14,8 @@ petsc4py.init([])
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-from pgmp_petsc.components import block_lanczos  # noqa: E402
-from pgmp_petsc.components.block_lanczos import BlockLanczos  # noqa: E402
+from pgmp_petsc.components import body_problem  # noqa: E402
+from pgmp_petsc.components.body_problem import BlockLanczos  # noqa: E402
 from pgmp_petsc.runtime.errors import RunError  # noqa: E402
 
 HALF, SHIFT, N_MODES = 60, -0.5, 5
@@ -75,7 +75,7 @@ def test_modes_that_stay_missing_are_an_error(twins: tuple) -> None:
 
 
 def test_too_few_rounds_are_an_error(twins: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(block_lanczos, "MAX_ROUNDS", 1)
+    monkeypatch.setattr(body_problem, "MAX_ROUNDS", 1)
     mass, stiffness, _, start = twins
     with pytest.raises(RunError, match="^eigenproblem at here: . of 27 eigenpairs converged in 1 rounds with the tol"):
         lanczos(mass, stiffness, start).solve(2, 25, lambda tau: 0, "here")

@@ -317,10 +317,10 @@ def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
 def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
     code = (
         "import os, signal, time\n"
-        "from pgmp_petsc.api import info\nfrom pgmp_petsc.cli import main\n"
+        "from pgmp_petsc.api import files\nfrom pgmp_petsc.cli import main\n"
         # a shell that runs the tests in the background lets its children ignore interrupts
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "info.read_contents = lambda path, comm: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
+        "files._contents = lambda path: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
         "main.main(['info', 'f.h5'])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)

@@ -11,7 +11,7 @@ from runs import PAPER_SCENE
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep, StepsTaken
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
+from pgmp_petsc.dynamics.second_order_system import Moment, SecondOrderSystem
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import (
     FEWEST,
@@ -156,7 +156,7 @@ class _Model:
 def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where all do, the coarser run is one with the steps of the run itself, but for what starts every five of them."""
     scene, meshes = read_scene(PAPER_SCENE, ("simulation.duration=0.2",), (), MPI.COMM_SELF, Purpose.FULL)
-    model, alive, ask = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep._ask
+    model, alive, take = FullModel(scene, meshes), np.ones(1, dtype=bool), AlphaStep.take
 
     def angle(system: SecondOrderSystem, n_steps: int, parts: int) -> np.ndarray:
         record = OutputRecord(model, system)
@@ -165,13 +165,13 @@ def test_a_step_that_fails_is_taken_in_parts(monkeypatch: pytest.MonkeyPatch) ->
         assert stepper.status[0] == Status.FINE and stepper.n_divided[0] == (n_steps if parts > 1 else 0)
         return record.outputs()[1]["crank_angle"][:: n_steps // 40, 0]
 
-    def failing(self: AlphaStep, *given: object) -> StepsTaken:
-        taken = ask(self, *given)
-        return taken if self._patient else replace(taken.first(1), lost=alive.copy())
+    def failing(self: AlphaStep, moment: Moment, ends: np.ndarray, *given: object) -> StepsTaken:
+        taken = take(self, moment, ends[:1], *given)
+        return taken if self._patient else replace(taken, lost=alive.copy())
 
     with model.single(scene.values, MPI.COMM_SELF) as system:
         fine, coarse = angle(system, 200, 1), angle(system, 40, 1)
-        monkeypatch.setattr(AlphaStep, "_ask", failing)
+        monkeypatch.setattr(AlphaStep, "take", failing)
         divided = angle(system, 40, TIMES)
     # measured: a twentieth
     assert np.abs(divided - fine).max() < 0.1 * np.abs(coarse - fine).max()

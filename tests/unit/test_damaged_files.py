@@ -18,21 +18,19 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from runs import paper_scene, rom_of
 from sealed import resealed
 
-from pgmp_petsc.api.contents import contents
-from pgmp_petsc.api.info import describe
+from pgmp_petsc.api.files import contents, describe
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.shards import Shards
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
-from pgmp_petsc.results.rare_event import RareEvent
-from pgmp_petsc.results.shard import read_shard
+from pgmp_petsc.results.ensemble import read_shard
+from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.errors import InputError
 
 

@@ -9,8 +9,19 @@ import pytest
 from scipy.optimize import brentq
 
 from pgmp_petsc.dynamics import edge_search
-from pgmp_petsc.dynamics.edge_search import BEGUN, DONE, HOPELESS, MAX_TRIALS, REACHED, TRIED, allocate_search, look
-from pgmp_petsc.dynamics.event_location import MAX_EVENTS, SHORTEST, TIME_TOLERANCE
+from pgmp_petsc.dynamics.edge_search import (
+    BEGUN,
+    DONE,
+    HOPELESS,
+    MAX_EVENTS,
+    MAX_TRIALS,
+    REACHED,
+    SHORTEST,
+    TIME_TOLERANCE,
+    TRIED,
+    allocate_search,
+    look,
+)
 
 LANE, STEP = 3, 0.5
 Depth = Callable[[float], float]

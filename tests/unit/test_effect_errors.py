@@ -217,22 +217,22 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "damping of a weld": (
         ('effects.e={type="joint_damping", joint="weld", coefficient=1}',),
         (
-            'effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
+            'effects.e.joint = "weld": a point_on_line or revolute joint is needed, this one is a fixed '
             "(allowed: hinge, elbow, slider)",
         ),
     ),
     "friction in no joint": (
         ('effects.e={type="joint_friction", joint="slidr", limit=1, speed=1}',),
-        ("effects.e.joint = \"slidr\": there is no such revolute or point_on_line joint; did you mean 'slider'?",),
+        ("effects.e.joint = \"slidr\": there is no such point_on_line or revolute joint; did you mean 'slider'?",),
     ),
     "a stop of no joint": (
         ('effects.e={type="end_stop", joint="elbo", stiffness=1, lower=1}',),
-        ("effects.e.joint = \"elbo\": there is no such revolute or point_on_line joint; did you mean 'elbow'?",),
+        ("effects.e.joint = \"elbo\": there is no such point_on_line or revolute joint; did you mean 'elbow'?",),
     ),
     "a spring on a weld": (
         ('effects.e={type="spring_damper", joint="weld", stiffness=1}',),
         (
-            'effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
+            'effects.e.joint = "weld": a point_on_line or revolute joint is needed, this one is a fixed '
             "(allowed: hinge, elbow, slider)",
         ),
     ),

@@ -10,7 +10,7 @@ from scenes import slider_crank
 
 from pgmp_petsc.indicator.coverage import large_errors, not_estimated
 from pgmp_petsc.results import EstimatedErrors, Trajectory
-from pgmp_petsc.texts.estimates import of_trajectory
+from pgmp_petsc.texts.models import of_trajectory
 
 
 @pytest.mark.parametrize(

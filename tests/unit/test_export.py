@@ -16,7 +16,7 @@ from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.export.xdmf import write_xdmf
-from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 

@@ -12,13 +12,11 @@ import synthetic
 from pictures import assert_inside, legend_texts, texts, visible
 
 from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.figures.captions import labels_by_parameters
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.densities import densities
-from pgmp_petsc.figures.differences import labels_by_parameters
-from pgmp_petsc.figures.ensembles import bands, sobol
+from pgmp_petsc.figures.ensembles import bands, densities, sobol
 from pgmp_petsc.figures.frequencies import frequencies
-from pgmp_petsc.figures.mechanism import mechanism
-from pgmp_petsc.figures.shapes import shown_positions
+from pgmp_petsc.figures.mechanism import mechanism, shown_positions
 from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError

@@ -13,9 +13,9 @@ import pytest
 import synthetic
 from pictures import assert_inside, keys_of, legend_texts, texts, visible
 
+from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.densities import densities
-from pgmp_petsc.figures.differences import same_case, short_names, tell_apart
+from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import distinct_colours

@@ -12,11 +12,12 @@ import scipy.integrate
 import scipy.linalg
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics import generalised_alpha
-from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
-from pgmp_petsc.dynamics.first_accelerations import first_accelerations
-from pgmp_petsc.dynamics.generalised_alpha import Driver, LoopDriver, PetscDriver, Run, count_steps, integrate
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics import generalised_alpha, reduced_system
+from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS, first_accelerations
+from pgmp_petsc.dynamics.drivers import Driver, LoopDriver, PetscDriver
+from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import AT_ONCE, Scheme, SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Simulation
@@ -33,7 +34,7 @@ def driver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> D
 
 
 @dataclass
-class LinearSystem:
+class LinearSystem(SecondOrderSystem):
     """``M q'' + D q' + K q = f(t)``, n_samples times side by side; arrays of shape (n_samples, n).
 
     `spoil` is called with time, state and sizes after every correction.
@@ -49,8 +50,6 @@ class LinearSystem:
     beyond: float = np.inf
     n_corrections: int = 0
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
-    n_events: int = 0
-    settled: None = None
     has_light_nodes: bool = False
 
     @property
@@ -114,10 +113,10 @@ def exact(system: LinearSystem, time: float) -> tuple[np.ndarray, np.ndarray, np
     return state[:, :n], state[:, n:], ((state - rest) @ rate.T)[:, n:]
 
 
-class Pendulum:
+class Pendulum(SecondOrderSystem):
     """A unit mass on a massless rod of 1 m: index 3, one multiplier; it starts with a velocity away from rest."""
 
-    comm, n_samples, n_events, settled = MPI.COMM_SELF, 1, 0, None
+    comm, n_samples = MPI.COMM_SELF, 1
     ANGLE, SPEED, GRAVITY = 0.8, 2.0, 9.81
 
     def start(self) -> State:
@@ -147,9 +146,6 @@ class Pendulum:
         if samples[0]:
             state.q[:], state.v[:], state.a[:] = previous.q, previous.v, previous.a
             state.multipliers[:] = previous.multipliers
-
-    def outside(self, state: State) -> np.ndarray:
-        return np.zeros(1, dtype=bool)
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         return np.array([Status.NOT_CONVERGED])
@@ -312,25 +308,25 @@ def test_times_of_decimal_steps_are_written_as_they_are_read() -> None:
     assert [f"{time!r}" for time in seen] == [f"{number / 1000!r}" for number in range(1001)]
 
 
-def test_few_samples_go_further_at_once() -> None:
+@pytest.mark.parametrize(
+    ("n_samples", "every", "expected"),
+    [
+        (1, 1, reduced_system.LARGEST // 24), (1000, 1, reduced_system.LARGEST // 24_000), (10**6, 1, 1),
+        (1000, 2, 2 * reduced_system.LARGEST // 24_000), (1000, 10**6, reduced_system.FURTHEST // 24_000),
+        (1000, None, reduced_system.FURTHEST // 24_000),
+    ],
+)  # fmt: skip
+def test_few_samples_and_what_is_seldom_seen_go_further_at_once(n_samples: int, every: int | None, expected: int) -> None:
     """A step of PETSc's TS is many of a system in compiled code, as many as the cache holds; few of one in Python."""
-    compiled = [SimpleNamespace(advance=None, n_samples=n, n_eta=8) for n in (1, 1000, 10**6)]
-    looks_always = SimpleNamespace()
-    found = [generalised_alpha.steps_at_once(system, looks_always) for system in compiled]
-    assert found == [generalised_alpha.MOST_AT_ONCE, generalised_alpha.LARGEST // 24_000, 1]
-    in_python = generalised_alpha.steps_at_once(SimpleNamespace(n_samples=1), None)
-    assert in_python == generalised_alpha.AT_ONCE
+    system = SimpleNamespace(n_samples=n_samples, n_eta=8)
+    assert ReducedSystem.steps_between_looks(system, every) == expected
+    assert two_masses(n_samples=2).steps_between_looks(every) == AT_ONCE
+
+
+def test_stops_are_as_far_apart_as_asked() -> None:
     for at_once in (1, 7, 400, 4000):
         stops = generalised_alpha.stops_of(400, at_once, "pgmp_ts_")
         assert stops[0] == 0 and stops[-1] == 400 and 0 < np.diff(stops).min() <= np.diff(stops).max() <= at_once
-
-
-def test_what_is_seldom_seen_goes_further_at_once() -> None:
-    """What is not written down needs no place in the cache."""
-    system, furthest = SimpleNamespace(advance=None, n_samples=1000, n_eta=8), generalised_alpha.FURTHEST // 24_000
-    observers = [SimpleNamespace(every=2), SimpleNamespace(every=10**6), None]
-    found = [generalised_alpha.steps_at_once(system, observer) for observer in observers]
-    assert found == [2 * generalised_alpha.LARGEST // 24_000, furthest, furthest]
 
 
 def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:

@@ -21,6 +21,7 @@ ORDER = (
     "solvers",
     "components",
     "mechanism",
+    "joints",
     "effects",
     "modes",
     "reduction",
@@ -51,7 +52,8 @@ NEEDS = {
     "results": {"declare"},
     "bodies": {"scene", "mesh"},
     "solvers": set(),
-    "mechanism": {"scene", "mesh", "bodies"},
+    "mechanism": {"declare", "scene", "mesh", "bodies"},
+    "joints": {"scene", "mechanism"},
     "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"mesh", "results"},
@@ -171,7 +173,7 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
     ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
     if module == "ensembles":  # what single runs and few scenes have
-        others = ["models.stresses", "outputs.stress", "reduction.length_family", "dynamics.full_distributed"]
+        others = ["models.stresses", "outputs.stress", "reduction.length_family"]
         others += ["results.tradeoff", "results.trajectory", "ensemble.correction", "bodies.large_deformation"]
         others += ["ensemble.rare_run", "ensemble.importance", "ensemble.shards"]
         assert not loaded & {f"pgmp_petsc.{name}" for name in others}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_systems import FullDistributed
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch

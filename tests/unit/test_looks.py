@@ -26,7 +26,7 @@ from pgmp_petsc.ensemble.stopping import (
     stopping_of,
     stopping_remarks,
 )
-from pgmp_petsc.results.stopping import Stopping
+from pgmp_petsc.results.ensemble import Stopping
 from pgmp_petsc.scene import Scene
 
 REPETITIONS = 100

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
@@ -14,11 +15,13 @@ import numpy as np
 import pytest
 from combinations import _build, _components, _full, meshes_for, scene_of
 from conftest import ROOT
+from exported import COMPILER, OPTIONS, assert_equal, outputs_of
 from handbook_blocks import blocks_of
 from mpi4py import MPI
 from test_effect_errors import BASE, IN_TURN
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.code.source import COMPILED
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.models import ReducedModel
@@ -32,7 +35,7 @@ from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
-(LISTING,) = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
 OUTPUT = """
 from typing import Literal
 import numpy as np
@@ -98,6 +101,87 @@ def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: P
     np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
 
 
+#: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
+TRAMMEL = """
+[scene]
+name = "trammel"
+[parameters.strength]
+nominal = 1.0
+[materials.stiff]
+E = 2.1e13
+nu = 0.3
+rho = 7850.0
+[bodies.bar]
+line = { length = 1.0, elements = 2 }
+element = "beam3d"
+material = "stiff"
+section = { shape = "circle", radius = 0.02 }
+placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
+[joints.end]
+type = "point_on_line"
+connect = ["ground:origin", "bar:tip"]
+direction = [0.0, 1.0, 0.0]
+[coordinates.theta]
+joint = "held"
+range = [-0.4, 0.6]
+[effects.motor]
+type = "torque"
+joint = "held"
+table = [[0.0, 20.0], [1.0, 20.0]]
+scale = "strength"
+[outputs.angle]
+type = "angle"
+joint = "held"
+[outputs.place]
+type = "position"
+point = "bar:hinge"
+axis = "x"
+[reduction]
+modes = 3
+angles = 12
+interpolation = "spline"
+[simulation]
+duration = 0.3
+step = 2e-3
+"""
+PIN = 'joints.held={type="pin_in_slot", connect=["ground:origin", "bar:hinge"], axis=[0, 0, 1], slot=[1, 0, 0]}'
+GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hinge"], direction=[1.0, 0.0, 0.0]}'
+#: Joints in which a bar slides and turns in a plane.
+SLIDING_AND_TURNING = {
+    "pin_in_slot": (PIN,),
+}
+
+
+@pytest.mark.parametrize("kind", SLIDING_AND_TURNING)
+def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> None:
+    """Its middle moves on a circle about the origin, so that a torque T turns it by T t^2 / (2 I) with I about its end:
+    in every model, its derivatives and C."""
+    (path := tmp_path / "pin_in_slot.py").write_text(JOINT)
+    pgmp.use(path)
+    (scene_file := tmp_path / "trammel.toml").write_text(TRAMMEL)
+    scene = pgmp.load(scene_file, overrides=SLIDING_AND_TURNING[kind])
+    rom = pgmp.build(scene)
+    area, second = np.pi * 0.02**2, np.pi * 0.02**4 / 4
+    inertia = 7850.0 * (area / 3 + second)
+    runs = {
+        "reduced": pgmp.simulate(rom),
+        "full": pgmp.simulate(scene, model="full"),
+        "components": pgmp.simulate(scene, model="components"),
+    }
+    for model, run in runs.items():
+        turned = 0.5 * 20.0 / inertia * run.time**2
+        # deformation under the torque and its vibration, and the step's error
+        np.testing.assert_allclose(run.outputs["angle"], turned, rtol=0, atol=2e-4 * turned[-1], err_msg=model)
+        place = np.cos(np.arctan2(0.6, 0.8) - turned)
+        np.testing.assert_allclose(run.outputs["place"], place, rtol=0, atol=2e-4 * turned[-1], err_msg=model)
+    slopes = pgmp.sensitivities(rom)
+    assert slopes.derivatives["angle"]["strength"][-1] == pytest.approx(turned[-1], rel=2e-4)
+    pgmp.export_model(rom, str(tmp_path / "model"))
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    subprocess.run(command, cwd=tmp_path / "model", check=True)
+    assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
+
+
 def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
     pgmp.use(line_spring)
     assert '`[effects.NAME]` with `type = "line_spring"`' in reference_page()
@@ -136,6 +220,14 @@ BROKEN = {
     "a law that names what it has not": (("@", LAW.format("own", "-k * z")), r"mine\.py:2: law own: force: .*'z'"),
     "a law without bounds": (("@", LAW.format("own", "-k / s")), r"mine\.py:2: law own: .* not finite at s = 0"),
     "a law of a taken name": (("@", LAW.format("stop", "-k * s")), r"mine\.py:2: the name 'stop' is taken by .*laws\.py"),
+    "a joint that holds nothing": (("*", JOINT.replace("def statements", "def stated")), r"line \d+: .* statements\(self"),
+    "a joint of statements that fail": (("*", JOINT.replace("in_a[:, 2]", "in_c")), r"line \d+: .* NameError: .*'in_c'"),
+    "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r"line \d+: .*: statements: "),
+    "a joint that is nowhere": (("*", JOINT.replace("(3,)", "(4,)")), r"a joint says where it can be: dimensions = "),
+    "a joint of an unknown motion": (("*", JOINT.replace('"turning"', '"rolling"')), r"free are turning, sliding, spin$"),
+    "a joint of a taken name": (
+        ("*", JOINT.replace('"pin_in_slot"', '"fixed"')), r"line \d+: .* 'fixed' already, .*meeting\.py, line"
+    ),
     "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
 }
 
@@ -216,7 +308,8 @@ def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_pa
 DISAGREEING = "a law of other parameters"
 DISAGREEING_LISTING = LISTING.replace(", Quantity(0.0))", ")").replace('"line_spring"', '"other_spring"')
 IN_COMMANDS = (
-    "no Python", "nothing in it", "it fails", "a name that is taken", "no maker", "a law that names what it has not",
+    "no Python", "nothing in it", "it fails", "a name that is taken", "a joint of a taken name",
+    "no maker", "a law that names what it has not",
     "a law without bounds",
 )  # fmt: skip
 

@@ -12,10 +12,9 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics import reduced_energy as reduced_energy_module
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.reduced_arrays import Layout
-from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_energy import reduced_energy
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, pack, pack_cubic, pack_skew
+from pgmp_petsc.dynamics.reduced_terms import ReducedDamping, ReducedTerms, coupling_of, pack, pack_cubic, pack_skew
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples

@@ -18,19 +18,18 @@ import numpy as np
 import pytest
 import synthetic
 
-from pgmp_petsc.texts.ensemble_table import lines_of
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.report.budget import error_budget
+from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble
 from pgmp_petsc.report.charts import Level, distribution
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.section import downloads_of
 from pgmp_petsc.report.sources import read_sources
-from pgmp_petsc.report.verdict import headline_of_comparison, headline_of_ensemble
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
-from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.estimates import EstimatedErrors
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError, note, warning
 from pgmp_petsc.runtime.files import write_file
+from pgmp_petsc.texts.ensemble_table import lines_of
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 

@@ -19,15 +19,15 @@ from fielded import block_run, field_of, flat_run, run_of
 from PIL import Image
 from solids import box_mesh
 
+from pgmp_petsc.figures.motion import coarsened, outer_faces, triangles
 from pgmp_petsc.figures.style import scene_of
-from pgmp_petsc.figures.surfaces import coarsened, outer_faces, triangles
-from pgmp_petsc.report import bodies
+from pgmp_petsc.report import film as module_of_films
 from pgmp_petsc.report.film import SHADES, SIZE, Film, film_of
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.section import film_words
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import BodyField
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
@@ -243,7 +243,7 @@ def test_fewer_frames_keep_that_of_the_largest_stress() -> None:
 
 
 def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bodies, "MOST_NODES", 120)
+    monkeypatch.setattr(module_of_films, "MOST_NODES", 120)
     mesh = box_mesh("hexahedron20", (12, 4, 4), (1.0, 0.3, 0.3))
     field = field_of(mesh, np.zeros((2, 3)), 1e-4, 3e6)
     film = film_of(run_of(2, block=field))

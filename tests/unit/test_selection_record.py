@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
-from pgmp_petsc.bench.choice import cost_text, leaves_open
+from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
 from pgmp_petsc.bench.errors import BASIS, INTERPOLATION, STEP, shares_of
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.runtime.errors import InputError
@@ -109,6 +110,16 @@ def test_a_step_that_is_still_to_be_chosen_is_not_too_long() -> None:
         slider_crank("simulation={duration=1e-4}")
     with pytest.raises(InputError, match="must not exceed the duration"):
         slider_crank("simulation={duration=1e-4, step=1e-3, tolerance=1e-3}")
+
+
+@pytest.mark.parametrize(("apart", "words"), [(6e-3, "0.006 away from the mesh in x"), (4e-3, "was not measured")])
+def test_a_reference_that_is_off_by_more_than_there_is_to_spare_is_named(apart: float, words: str) -> None:
+    bench = SimpleNamespace(
+        finer_meshes=lambda n_steps: None, reference=SimpleNamespace(from_mesh={"angle": 1e-5, "x": apart}),
+        scene=slider_crank("reduction.tolerance=1e-2"),
+    )  # fmt: skip
+    (said,) = mesh_remark(bench, 100)
+    assert words in said
 
 
 def test_where_a_reduced_sample_is_no_cheaper_the_reduction_is_said_not_to_pay() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.dynamics.generalised_alpha import Run
-from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
+from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, Attempt, Run, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.scene.numerics import Simulation
 

@@ -5,12 +5,20 @@ from __future__ import annotations
 import pytest
 from conftest import ROOT
 
+from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene
 
+
+
+def kinds_with(motion: str, dimension: int) -> list[str]:
+    """Return the joints that leave a motion free."""
+    return [n for n, kind in zip(JOINTS.names, JOINTS.found()) if dimension in kind.dimensions and motion in kind.motions]
+
+
 BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_solid3d"
-IN_SPACE = "for mechanisms in space (allowed in the plane: revolute, point_on_line, fixed)"
+IN_SPACE = "for mechanisms in space (allowed in the plane: fixed, point_on_line, revolute)"
 TRIPLE = "three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]"
 MOUNT = "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1], reference="
 GUIDE = "joints.elbow={type='cylindrical', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}"
@@ -207,18 +215,15 @@ ENTRIES = [
     ),
     (
         SPACE,
-        "joints.elbow.type='planar'",
-        (
-            'joints.elbow.type = "planar": unknown (allowed: revolute, point_on_line, fixed, spherical, universal, '
-            "cylindrical, prismatic, point_on_plane)"
-        ),
+        "joints.elbow.type='hinge'",
+        f'joints.elbow.type = "hinge": unknown (allowed: {", ".join(JOINTS.names)})',
     ),
     (
         SPACE,
         "coordinates.theta.joint='slider'",
         (
-            'coordinates.theta.joint = "slider": a revolute joint is needed, this one is a point_on_line '
-            "(allowed: crank_hinge, elbow)"
+            f'coordinates.theta.joint = "slider": a {" or ".join(kinds_with("turning", 3))} joint is needed, this one is '
+            "a point_on_line (allowed: crank_hinge, elbow)"
         ),
     ),
     # numbers of components

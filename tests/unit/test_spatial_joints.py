@@ -8,16 +8,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from joint_arrays import hessian, jacobian, lengths, residual
+from joint_arrays import hessian, jacobian, joint as make_joint, lengths, residual
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_frames import BodyGradients
-from pgmp_petsc.mechanism.joints import Connection, Joint, joint as make_joint, orthonormality, triad
+from pgmp_petsc.mechanism.joints import Connection, orthonormality, share_position, triad
 from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import angle
+from pgmp_petsc.mechanism.statements import Statement, angle
 
 # number of constraints of every type
 COUNTS = {
@@ -63,7 +63,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def joint(kind: str) -> Joint:
+def joint(kind: str) -> tuple[Statement, ...]:
     return make_joint(kind, *axes_of(1))
 
 
@@ -75,9 +75,9 @@ def pairs(n: int = 5) -> np.ndarray:
 # --- constraints and their derivatives -------------------------------------------------------------------------------
 
 
-def test_the_number_of_constraints(kind: str, joint: Joint) -> None:
-    assert joint.kind == kind and joint.n_constraints == COUNTS[kind] == lengths(joint).size
-    assert joint.holds_position == (kind in ("spherical", "revolute", "universal", "fixed"))
+def test_the_number_of_constraints(kind: str, joint: tuple[Statement, ...]) -> None:
+    assert len(joint) == COUNTS[kind] == lengths(joint).size
+    assert share_position(joint) == (kind in ("spherical", "revolute", "universal", "fixed"))
     # each length is the gap of one direction that the joint holds
     assert lengths(joint).sum() == 3 - len(SLIDES.get(kind, ()))
 
@@ -122,10 +122,10 @@ def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
             np.testing.assert_allclose(found[lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 
-def test_the_jacobian_is_the_derivative_of_the_residual(joint: Joint) -> None:
+def test_the_jacobian_is_the_derivative_of_the_residual(joint: tuple[Statement, ...]) -> None:
     ab = pairs()
     found = jacobian(joint, ab[:12], ab[12:])
-    assert found.shape == (joint.n_constraints, 24, 5)
+    assert found.shape == (len(joint), 24, 5)
     for i, unit in enumerate(np.eye(24)):
         ahead, behind = ab + 0.5 * unit[:, None], ab - 0.5 * unit[:, None]
         # of second degree: a central difference over any step is exact
@@ -133,10 +133,10 @@ def test_the_jacobian_is_the_derivative_of_the_residual(joint: Joint) -> None:
         np.testing.assert_allclose(found[:, i], slope, rtol=0, atol=10 * EPSILON)
 
 
-def test_the_hessian_is_the_derivative_of_the_jacobian(joint: Joint) -> None:
+def test_the_hessian_is_the_derivative_of_the_jacobian(joint: tuple[Statement, ...]) -> None:
     ab = pairs()
     found = hessian(joint, ab[:12], ab[12:])
-    assert found.shape == (joint.n_constraints, 24, 24, 5)
+    assert found.shape == (len(joint), 24, 24, 5)
     np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
     for i, unit in enumerate(np.eye(24)):
         ahead = ab + unit[:, None]
@@ -144,7 +144,7 @@ def test_the_hessian_is_the_derivative_of_the_jacobian(joint: Joint) -> None:
         np.testing.assert_allclose(found[:, :, i], change, rtol=0, atol=10 * EPSILON)
 
 
-def test_one_pair_needs_no_trailing_axis(joint: Joint) -> None:
+def test_one_pair_needs_no_trailing_axis(joint: tuple[Statement, ...]) -> None:
     ab = pairs()
     for function in (partial(of, joint) for of in (residual, jacobian, hessian)):
         one, several = function(ab[:12, 2], ab[12:, 2]), function(ab[:12], ab[12:])[..., 2]
@@ -192,9 +192,9 @@ def test_the_relative_motions_left_free(kind: str, seed: int) -> None:
 def test_orthonormality_is_that_of_rotations() -> None:
     (parts, values), nowhere = orthonormality(), np.zeros(12)
     pose = frame(np.array([1.0, -2.0, 0.5]), Rotation.random(random_state=4).as_matrix())
-    rigid = Joint("rigid", tuple(parts))
+    rigid = tuple(parts)
     np.testing.assert_allclose(residual(rigid, nowhere, pose), values, rtol=0, atol=EPSILON)
-    assert rigid.n_constraints == SPATIAL.n_tied == 6 and not lengths(rigid).any()
+    assert len(rigid) == SPATIAL.n_tied == 6 and not lengths(rigid).any()
     found = jacobian(rigid, nowhere, pose)
     assert not np.any(found[:, :12])
     # what it leaves of twelve numbers are displacements and rotations
@@ -239,7 +239,7 @@ def test_a_joint_on_rigid_bodies(kind: str, grounded: str) -> None:
     sides = [Attachment(number, number, point, point) for number, point in enumerate(POINTS)]
     if grounded != "neither":
         sides[grounded == "second"] = Attachment.on_ground_at(POINTS[0])
-    parts = make_joint(kind, *axes_of(2)).statements
+    parts = make_joint(kind, *axes_of(2))
     rows = StatementRows(parts, [tuple(sides)] * len(parts), lambda body: 12 * body + np.arange(12), 3)
     unknowns = poses_of_two_bodies().reshape(24, 3)
     gradients, hessians = rows.gradients(unknowns), rows.hessians(unknowns)
@@ -261,10 +261,10 @@ def test_the_jacobian_in_body_frames_is_that_of_small_motions_of_nodes(kind: str
     a = Attachment(0, 4, POINTS[0], arm)
     b = Attachment(1, 7, POINTS[1], np.zeros(3))
     joint, poses = make_joint(kind, *axes_of(2)), poses_of_two_bodies()[..., 0]
-    connection = Connection("test", joint, a, b, slice(0, joint.n_constraints), axes_of(2))
+    connection = Connection("test", joint, a, b, slice(0, len(joint)), axes_of(2))
     # of the mechanism only its numbers are looked at
     mechanism = SimpleNamespace(space=SPATIAL, n_dofs=48, bodies=(None, None))
-    found = BodyGradients(mechanism, [(part, connection.sides) for part in joint.statements])
+    found = BodyGradients(mechanism, [(part, connection.sides) for part in joint])
     block_a, block_b = np.split(found.dense(poses)[:, [*range(24, 30), *range(42, 48)]], 2, axis=1)
     assert set(found.dofs) <= {*range(24, 30), *range(42, 48)}
     step = 1e-5

@@ -210,3 +210,7 @@ def test_a_setting_meets_an_error_with_a_margin_for_other_draws_and_the_referenc
     met = [piece for piece in pieces(fixed, "slider_deformation") if " 1 %" in piece.split(" in ")[0]]
     assert any("7 + 1 modes" in piece for piece in met)
     assert not any("1.25 times" in piece for piece in advise(fixed))  # there are no other draws
+    near = {name: 0.02 for name in study.outputs}
+    told = advise(study, near)
+    assert any("away from the mesh; a setting meets an error with that added" in piece for piece in told)
+    assert all("no setting is good enough" in piece for piece in told if piece.startswith("For 1 %"))

@@ -75,41 +75,33 @@ def test_the_first_two_runs_are_always_made() -> None:
     assert ReferenceSequence(40, 10, FLOORS).wanted(np.array([np.inf])) == [40, 80]
 
 
-def test_it_stops_where_a_finer_run_fails() -> None:
-    sequence = ReferenceSequence(40, 10**6, FLOORS)
+def begun(most: int, constant: float = 1.0) -> ReferenceSequence:
+    """Return a sequence with its first two runs."""
+    sequence = ReferenceSequence(40, most, FLOORS)
     for n_steps in (40, 80):
-        sequence.add(n_steps, run(n_steps))
-    smallest = np.array([1e-9])
+        sequence.add(n_steps, run(n_steps, constant=constant))
+    return sequence
+
+
+def test_it_stops_where_a_run_fails_and_is_no_reference_without_two() -> None:
+    sequence, smallest = begun(10**6), np.array([1e-9])
     assert sequence.wanted(smallest)
-    sequence.give_up("no convergence")
+    sequence.failure = "no convergence"
     assert sequence.wanted(smallest) == [] and sequence.usable
     assert sequence.reason(smallest) == "a finer run failed: no convergence"
+    none = ReferenceSequence(40, 160, FLOORS)
+    none.failure = "no convergence"
+    assert not none.usable and none.wanted(np.array([np.inf])) == []
 
 
-def test_without_two_runs_there_is_no_reference() -> None:
-    sequence = ReferenceSequence(40, 160, FLOORS)
-    sequence.give_up("no convergence")
-    assert not sequence.usable and sequence.wanted(np.array([np.inf])) == []
-    assert sequence.failure == "no convergence"
-
-
-@pytest.mark.parametrize("smallest", [np.inf, np.nan])
-def test_an_output_without_any_error_is_settled(smallest: float) -> None:
-    sequence = ReferenceSequence(40, 10**6, FLOORS)
-    for n_steps in (40, 80):
-        sequence.add(n_steps, run(n_steps))
-    assert sequence.wanted(np.array([smallest])) == []
-
-
-def test_round_off_is_no_move() -> None:
-    sequence = ReferenceSequence(40, 10**6, FLOORS)
-    for n_steps in (40, 80):
-        sequence.add(n_steps, run(n_steps, constant=1e-13))
-    assert sequence.settled(np.array([0.0]))
-
-
-def test_an_error_of_zero_goes_to_the_limit() -> None:
-    sequence = ReferenceSequence(40, 640, FLOORS)
-    for n_steps in (40, 80):
-        sequence.add(n_steps, run(n_steps))
-    assert sequence.wanted(np.array([0.0])) == [160, 320, 640]
+@pytest.mark.parametrize(
+    ("smallest", "most", "constant", "wanted"),
+    [
+        (np.inf, 10**6, 1.0, []),  # an output without any error is settled
+        (np.nan, 10**6, 1.0, []),
+        (0.0, 10**6, 1e-13, []),  # round-off is no move
+        (0.0, 640, 1.0, [160, 320, 640]),  # an error of zero goes to the limit
+    ],
+)
+def test_what_is_still_wanted(smallest: float, most: int, constant: float, wanted: list[int]) -> None:
+    assert begun(most, constant).wanted(np.array([smallest])) == wanted

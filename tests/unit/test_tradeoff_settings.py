@@ -118,12 +118,9 @@ def test_component_modes_are_a_command_of_their_own() -> None:
     assert Setting("components", 1000, component_modes=15).overrides(radius_scene()) == []
 
 
-def test_without_uncertain_parameters_there_is_no_surface() -> None:
+def test_without_uncertain_parameters_there_is_no_surface_and_without_loads_no_static_mode() -> None:
     certain = radius_scene("parameters.r1={nominal=5.6e-3}")
     assert not [setting for setting in first_settings(certain, FULL, LIMITS) if setting.family == "surface"]
-
-
-def test_without_loads_there_are_no_static_modes() -> None:
     settings = first_settings(radius_scene("effects={}"), FULL, Limits(28, 0, 3))
     assert not [setting for setting in settings if setting.reduction and setting.reduction.static_modes]
 

@@ -12,9 +12,8 @@ from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, r
 from mpi4py import MPI
 
 from benchmarks import effect_cost
-from pgmp_petsc.dynamics.event_location import EventLocation
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.edge_search import EventLocation
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
 from pgmp_petsc.effects import Effect, Motion, effects_of
 from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.effects.time_function import amplitude_of

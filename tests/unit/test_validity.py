@@ -10,6 +10,7 @@ from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.sections.given import Coefficients
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.indicator.coverage import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
@@ -21,10 +22,9 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.mode_changes import StiffnessChanges
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
-from pgmp_petsc.results.errors import ROTATION_LIMIT, VALIDITY, beyond_limit
+from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.bodies.sections.given import Coefficients
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
 
 

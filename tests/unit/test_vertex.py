@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.results.derivatives import Vertex, vertex
+from pgmp_petsc.results.gradients import Vertex, vertex
 
 SIZE, DECAY, OMEGA, LATE = 2.0, 0.5, 9.0, 0.3
 

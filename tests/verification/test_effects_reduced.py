@@ -19,7 +19,7 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model as in_memory, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.edge_search import EventLocation
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import Effect, Motion

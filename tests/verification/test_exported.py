@@ -27,7 +27,6 @@ from two_coordinates import five_bar
 
 from pgmp_petsc.code.constants import constants_of
 from pgmp_petsc.code.source import COMPILED, write_sources
-from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
@@ -296,13 +295,6 @@ def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
     wanted = simulated(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi
     assert_equal(outputs_of(compiled(model, tmp_path)), wanted)
-
-
-def test_names_of_kinds() -> None:
-    """Statements are written by their numbers."""
-    text = (Path(constants_of.__code__.co_filename).parent / "c" / "tables.h").read_text()
-    (names,) = re.findall(r"enum { (MEET.*?) };", text)
-    assert [getattr(statements, name) for name in names.split(", ")] == list(range(len(names.split(", "))))
 
 
 def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:

@@ -11,6 +11,7 @@ from runs import reduced_model, samples
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.laws import STOP as STOPS
@@ -68,9 +69,9 @@ class OneByOne:
         self._system = system
 
     def __getattr__(self, name: str) -> object:
-        if name == "advance":
-            raise AttributeError(name)
         return getattr(self._system, name)
+
+    steps_at_once, advance, take_steps = 1, SecondOrderSystem.advance, SecondOrderSystem.take_steps
 
 
 def motion_of(

@@ -9,8 +9,7 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel

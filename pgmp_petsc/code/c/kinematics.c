@@ -107,7 +107,7 @@ static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
         double gap = evaluate_statement(s, z, wanted, gradient, 0) - wanted;
         if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
         if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);
-        double unit = s->kind == PERPENDICULAR || s->kind == WITHIN || s->kind == ANGLE ? 1.0 : 1.0 / SIZE;
+        double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;
         if (!(fabs(gap) * unit <= largest)) largest = fabs(gap) * unit;
         for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
         for (int i = 0; i < N_UNKNOWNS; i++) {

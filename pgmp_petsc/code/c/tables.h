@@ -26,7 +26,6 @@ typedef void law_function(const double p[], double amplitude, double s, double r
 struct action { int a, b, strength, edge, n_edges; law_function *law; double winding[R]; struct statement statement; };
 struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
 
-enum { MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING };
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
 extern const struct axis axes[R], rigid_axes[R], fine_axes[R], branch_axes[R];

@@ -29,23 +29,15 @@ FEW_ELEMENTS, ENOUGH_ELEMENTS = 3, 8  # of a flexible one: with three its first 
 
 @dataclass(frozen=True)
 class Size:
-    """Proportions of a body.
+    """Proportions of a body."""
 
-    Attributes
-    ----------
-    length, thickness
-        Largest extent, and the one across it that bends, m.
-    mass
-        kg.
-    frequency_hz
-        First bending frequency as a beam with hinged ends, ``pi / 2 i c / length^2`` with the radius of gyration i of
-        the section and the speed c of waves, Hz; 0 for rigid bodies. What is held otherwise, carries a mass or hangs
-        on another body may have a quarter of it: a finding asks `first_frequency`.
-    """
-
+    # length, thickness: largest extent, and the one across it that bends, m
     length: float
     thickness: float
-    mass: float
+    mass: float  # kg
+    # first bending frequency as a beam with hinged ends, ``pi / 2 i c / length^2`` with the radius of gyration i of the
+    # section and the speed c of waves, Hz; 0 for rigid bodies. What is held otherwise, carries a mass or hangs on
+    # another body may have a quarter of it: a finding asks `first_frequency`
     frequency_hz: float
 
 

@@ -1,21 +1,84 @@
-"""What results have in common, and what tells them apart: scene, parameters, other entries of the scene, model, file.
+"""What stands above pictures: what tells results apart, and what their reader has to know besides.
 
 Results belong together where their scenes have one name and the same bodies, joints and coordinates. What may differ
 within that is said: ``r1 = 5 mm``, ``simulation.step = 0.001``, ``without effects.weight``, ``reduced``, and the name
-of the file where nothing else differs.
+of the file where nothing else differs. Runs that ended early are named, and warnings that come with results.
 """
 
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
 
-from pgmp_petsc.figures.style import quantity, scene_of
+from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.files import RunRecord
+
+# A picture has room for so many, of so many characters; the files have the rest.
+MOST, LONGEST = 3, 220
+
+
+def planned_end(run: Trajectory) -> float:
+    """Return the instant (s) at which the scene ends, the run's own end where it says none."""
+    try:
+        return max(float(scene_of(run.record)["simulation"]["duration"]), float(run.time[-1]))
+    except (KeyError, TypeError, ValueError):
+        return float(run.time[-1])
+
+
+def ended_early(run: Trajectory) -> bool:
+    """Tell whether a run ended before its scene does."""
+    return bool(run.time[-1] < planned_end(run) * (1.0 - 1e-9))
+
+
+def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]:
+    """Return the notes for a picture of runs, the labels before them where there are several."""
+    labels = labels or [""] * len(runs)
+    early = [
+        _labelled(f"ended early, at {run.time[-1]:.4g} s of {planned_end(run):.4g} s", label)
+        for run, label in zip(runs, labels)
+        if ended_early(run)
+    ]
+    return [*early, *of_records([run.record for run in runs], labels)]
+
+
+def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> None:
+    """Put what a picture of one result shows above it, the warnings that come with the result, and rows of keys."""
+    top_legend(figure, keys, heading(what, record, label), of_records([record]))
+
+
+def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list[str]:
+    """Return the warnings of results, each once."""
+    labels = labels or [""] * len(records)
+    texts = dict.fromkeys(
+        _labelled(str(remark), label)
+        for record, label in zip(records, labels)
+        for remark in record.remarks
+        if remark.kind == "warning"
+    )
+    shown = [_short(text) for text in list(texts)[:MOST]]
+    left = len(texts) - len(shown)
+    return [*shown, f"and {left} more warnings: see pgmp info"] if left else shown
+
+
+def _short(text: str) -> str:
+    """Return as many clauses of a warning as a picture has room for, the first one at least."""
+    if len(text) <= LONGEST:
+        return text
+    end = max(text.rfind(mark, 0, LONGEST) for mark in ("; ", ": ", ". "))
+    return f"{text[:end]} …" if end > 0 else textwrap.shorten(text, LONGEST, placeholder=" …")
+
+
+def _labelled(text: str, label: str) -> str:
+    return f"{label}: {text}" if label else text
+
 
 # Parts of a scene that change nothing in a run, and those that one model has alone or that only resolve it in time.
 WITHOUT_EFFECT = ("scene", "parameters", "outputs", "ensemble", "simulation.frames", "simulation.error_indicator")
@@ -23,7 +86,7 @@ OF_THE_MODEL = ("reduction", "simulation")
 OF_RUNS = ("simulation", "simulation.initial", "initial")
 _START = "simulation.initial"
 # More entries, and longer values, are not spelled out: the file's name says more.
-MOST_ENTRIES, LONGEST = 3, 24
+MOST_ENTRIES, LONGEST_VALUE = 3, 24
 _ABSENT = object()
 
 
@@ -141,7 +204,7 @@ def _entry(name: str, value: Any) -> str:
         return f"{name} = {value:.6g}"
     text = f"{name} = {str(value).lower() if isinstance(value, bool) else value}"
     # long values are all cut alike: names of files then tell the results apart
-    return text if len(text) <= len(name) + LONGEST else f"{name} = …"
+    return text if len(text) <= len(name) + LONGEST_VALUE else f"{name} = …"
 
 
 def _parameter_unit(record: RunRecord, name: str) -> str:

@@ -1,14 +1,19 @@
-"""Reduced models of candidates: the latest stay, the oldest go, and what went is built again when it is wanted."""
+"""The bench: models of candidates that stay or are built again, and times of runs too long to be timed whole."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pgmp_petsc.bench.bench import Shelf, bytes_of
+from pgmp_petsc.bench import bench
+from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
+from pgmp_petsc.dynamics.alpha_step import LENGTHS
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene.numerics import Reduction
+from scenes import meshes_of, slider_crank
 
 
 @dataclass
@@ -58,3 +63,23 @@ def test_the_latest_stays_however_large(most: int) -> None:
 def test_bytes_of_all_arrays_within() -> None:
     item = {"a": (np.zeros(3), [np.zeros(2, dtype=np.int8)]), "b": Model(1, np.zeros((2, 2))), "c": "text", "d": None}
     assert bytes_of(item) == 24 + 2 + 32
+
+
+def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = slider_crank("simulation.duration=0.1", "simulation.step=1e-3")
+    clock, taken = [0.0], []
+
+    def a_second_each(system: object, simulation: object) -> SimpleNamespace:
+        taken.append(round(simulation.duration / simulation.step))
+        clock[0] += len(LENGTHS) + taken[-1]
+        return SimpleNamespace(state=system.start())
+
+    monkeypatch.setattr(bench, "TIMED", 0.0)
+    monkeypatch.setattr(bench, "_now", lambda: np.full(2, clock[0]))
+    monkeypatch.setattr(bench, "integrate", a_second_each)
+    timed = SimpleNamespace(training=SimpleNamespace(values={"r1": np.array([5e-3])}))
+    seconds = Bench.seconds(timed, FullModel(scene, meshes_of(scene)), 100, 1)
+    np.testing.assert_allclose(seconds, len(LENGTHS) + 100.0)
+    assert taken == [FEWEST_STEPS]

@@ -1,0 +1,85 @@
+"""Joints whose second point moves on a line or a plane through the first."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from pgmp_petsc.mechanism.joints import aligned, guided
+from pgmp_petsc.mechanism.statements import Statement, along, perpendicular
+from pgmp_petsc.scene.fields import Axis, Connection, Direction
+from pgmp_petsc.scene.joints import JointEntry
+
+
+class PointOnLine(JointEntry):
+    """The second point moves on a line through the first."""
+
+    type: Literal["point_on_line"]
+    dimensions = (2, 3)
+    motions = ("sliding",)
+    connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
+    direction: Direction = Field(
+        description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
+    )
+
+    @property
+    def axes(self):
+        """The line's direction."""
+        return (self.direction,)
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+        """Return that the point is on the line."""
+        return guided(in_a)
+
+
+class PointOnPlane(JointEntry):
+    """The second point moves on a plane through the first."""
+
+    type: Literal["point_on_plane"]
+    dimensions = (3,)
+    normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
+
+    @property
+    def axes(self):
+        """The plane's normal."""
+        return (self.normal,)
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+        """Return that the point is on the plane."""
+        return [along(in_a[:, 0])]
+
+
+class OnAxis(JointEntry):
+    """A joint along an axis of both bodies."""
+
+    dimensions = (3,)
+    axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
+
+    @property
+    def axes(self):
+        """The axis of the motion."""
+        return (self.axis,)
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+        """Return that the axes of both bodies are one line."""
+        return [*guided(in_a), *aligned(in_a, in_b)]
+
+
+class Cylindrical(OnAxis):
+    """The second point moves on an axis through the first, and turns about it."""
+
+    type: Literal["cylindrical"]
+    motions = ("turning", "sliding")
+
+
+class Prismatic(OnAxis):
+    """The second point moves on an axis through the first without turning."""
+
+    type: Literal["prismatic"]
+    motions = ("sliding",)
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+        """Return that the axes of both bodies are one line about which nothing turns."""
+        return [*super().statements(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]

@@ -1,0 +1,354 @@
+"""Kinds of statements about two frames: one expression each, from which compiled code and C are printed.
+
+An expression is of products ``dot(x, y)`` of vectors that are linear in the frames: ``p_b - p_a``, a direction ``u_a``
+that is fixed in a frame, or ``u`` in the ground. With ``s = f(q_0, ..)`` of such products q the derivatives are
+
+    ds = sum_m f_m dq_m,    d2s = sum_m f_m d2q_m + sum_mn f_mn dq_m dq_n^T,
+
+where dq and d2q are loops that all products have in common, and sympy gives f_m and f_mn.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+ROWS = "uvw"  # of a statement's directions
+FIRST = {"a": "0", "b": "n"}  # number of each frame
+TAKES = "axes, z, turned, second, gradient, hessian, spare"
+PYTHON = '''"""Statements about two frames, printed from their kinds."""
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import angle_of, beyond, nearest_whole, select, square_root
+
+{functions}
+
+@njit(cache=True, apart=True, error_model="numpy")
+def evaluate(kind, {takes}):
+    """Evaluate a statement, of numbers or of vectors (`lane_items`), and return it.
+
+    Parameters
+    ----------
+    kind, axes
+        As in `Statement`.
+    z
+        Both frames, shape (2 d (d + 1),): m and 1.
+    turned
+        What an angle is nearest to, rad.
+    second
+        Whether second derivatives are wanted.
+    gradient, hessian
+        Results: g, shape (2 d (d + 1),), and ``dg_i/dz_j``; symmetric but for a pull.
+    spare
+        Work array, shape (2 d (d + 1),).
+    """
+    for i in range(z.shape[0]):
+        gradient[i] = 0.0
+        for j in range(z.shape[0] if second else 0):
+            hessian[i, j] = 0.0
+{cases}
+    return 0.0 * z[0]
+
+
+C = """{c}"""
+
+COMPLETE = True
+'''
+C = """#define square_root(x) sqrt(x)
+#define angle_of(y, x) atan2(y, x)
+#define nearest_whole(x) floor((x) + 0.5)
+#define select(which, x, y) ((which) ? (x) : (y))
+#define beyond(x, y) (!((x) <= (y)))
+
+{functions}
+/* Value of a statement; gradient (2 N_FRAME) and, unless it is NULL, Hessian are filled. */
+double evaluate_statement(const struct statement *of, const double z[2 * N_FRAME], double turned, double gradient[],
+                          double (*hessian)[2 * N_FRAME]) {{
+    double spare[2 * N_FRAME];
+    memset(gradient, 0, 2 * N_FRAME * sizeof(double));
+    if (hessian) memset(hessian, 0, 4 * N_FRAME * N_FRAME * sizeof(double));
+{cases}
+    return 0.0;
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of statement.
+
+    Attributes
+    ----------
+    name
+        In code.
+    measure
+        The expression.
+    unit
+        Of the measure: m, 1 or rad.
+    periodic
+        Whether it is an angle, of which the turn is taken that is nearest to one that is known.
+    singular
+        Whether derivatives are taken as zero where its product is.
+    pull
+        No measure, but a force: the vector that pulls at the point of b.
+    fixed
+        Whether the gradient keeps its direction in the frames, however they stand.
+    """
+
+    name: str
+    measure: str = ""
+    unit: str = "m"
+    periodic: bool = False
+    singular: bool = False
+    pull: str = ""
+    fixed: bool = False
+
+    def lines(self) -> list[str]:
+        """Return the body of the function that evaluates it; ``let`` begins what C declares."""
+        if self.pull:
+            one = _Vector(self.pull)
+            return [
+                "for c in range(d):",
+                *_indented(one.component("x")),
+                "    gradient[n + c] = x",
+                "    if second:",
+                *(f"        {loop}hessian[n + c, {at}] = {factor}" for loop, at, factor in one.entries("k")),
+                "return 0.0 * z[0]",
+            ]
+        products, outer = self._parts()
+        arrays = ("gradient", "spare")[: len(products)]
+        touched = sorted({part for pair in products for name in pair for part in _Vector(name).touched})
+        lines = [f"let q{m} = 0.0 * z[0]" for m in range(len(products))]
+        for pair, array in zip(products, arrays):
+            other = [part for part in touched if not any(part in _Vector(name).touched for name in pair)]
+            lines += [f"for i in range({count}): {array}[{first} + i] = 0.0" for first, count in other]
+        lines += ["for c in range(d):"]
+        components = {name: f"x{k}" for k, name in enumerate(dict.fromkeys(itertools.chain(*products)))}
+        for name, component in components.items():
+            lines += _indented(_Vector(name).component(component))
+        filled = set()
+        for m, (pair, array) in enumerate(zip(products, arrays)):
+            lines += [f"    q{m} += {components[pair[0]]} * {components[pair[1]]}"]
+            twice = "2.0" if pair[0] == pair[1] else "1.0"
+            for one, other in dict.fromkeys((pair, pair[::-1])):
+                for loop, at, factor in _Vector(one).entries("k"):
+                    sign = "+=" if (array, at) in filled else "="
+                    filled.add((array, at))
+                    value = _times(_times(twice, factor), components[other])
+                    lines += [f"    {loop}{array}[{at}] {sign} {value}"]
+        derivatives: Callable[[int], str] = "f{}".format
+        if outer is not None:
+            lines += self._outer(outer, len(products))
+        else:
+            lines, derivatives, touched = [*lines, "let s = q0"], lambda m: "1.0", []
+        curved = ["for c in range(d):"]
+        for m, (x, y) in enumerate(products):
+            pairs = itertools.product(_Vector(x).entries("k"), _Vector(y).entries("j"))
+            if x == y:
+                pairs = itertools.combinations_with_replacement(_Vector(x).entries("k"), 2)
+            for (loop, at, one), (inner, other, two) in pairs:
+                value = _times("2.0" if x == y else "1.0", _times(_times(one, two), derivatives(m)))
+                if at == other:
+                    curved += [f"    hessian[{at}, {at}] += {value}"]
+                else:
+                    curved += [f"    {loop}{inner}{_both(at, other, value, len(curved))}"]
+        numbers = range(len(products))
+        for (first, n_first), (then, n_then) in itertools.combinations_with_replacement(touched, 2):
+            curved += [f"for i in range({n_first}):"]
+            for m in numbers:
+                mixed = " + ".join(f"f{min(m, k)}{max(m, k)} * {arrays[k]}[{first} + i]" for k in numbers)
+                curved += [f"    let g{m} = {mixed}"]
+            bent = " + ".join(f"g{m} * {arrays[m]}[{then} + " + "{}]" for m in numbers)
+            below = n_then
+            if first == then:
+                below = "i"
+                curved += [f"    hessian[{first} + i, {first} + i] += {bent.replace('{}', 'i')}"]
+            both = _both(f"{first} + i", f"{then} + j", bent.replace("{}", "j"), len(curved))
+            curved += [f"    for j in range({below}): {both}"]
+        if len(curved) > 1:
+            lines += ["if second:", *_indented(curved)]
+        for first, n_first in touched:
+            mixed = " + ".join(f"f{m} * {arrays[m]}[{first} + i]" for m in numbers)
+            lines += [f"for i in range({n_first}):", f"    gradient[{first} + i] = {mixed}"]
+        if self.periodic:
+            turn = "6.283185307179586"
+            lines += [f"return s + {turn} * nearest_whole((turned - s) / {turn})"]
+        else:
+            lines += ["return s"]
+        return lines
+
+    def _parts(self) -> tuple[list[tuple[str, str]], Any]:
+        """Return the products, and the function of them in sympy's form; None where it is the only product itself."""
+        import sympy as sp
+
+        products: list[tuple[str, str]] = []
+        functions = {"sqrt": sp.sqrt, "atan2": sp.atan2}
+
+        def read(node: ast.expr) -> Any:
+            name = node.func.id
+            if name == "dot":
+                products.append(tuple(map(ast.unparse, node.args)))
+                return sp.Symbol(f"q{len(products) - 1}", real=True)
+            return functions[name](*map(read, node.args))
+
+        outer = read(ast.parse(self.measure, mode="eval").body)
+        return products, None if outer.is_Symbol else outer
+
+    def _outer(self, outer: Any, n_products: int) -> Iterator[str]:
+        """Yield the function of the products and its derivatives: s, f0, f1, f00, f01, .."""
+        import sympy as sp
+
+        q = sp.symbols(f"q:{n_products}", real=True)
+        named = {f"f{m}": sp.diff(outer, one) for m, one in enumerate(q)}
+        pairs = itertools.combinations_with_replacement(range(n_products), 2)
+        named |= {f"f{m}{k}": sp.diff(outer, q[m], q[k]) for m, k in pairs}
+        s = sp.Symbol("s", positive=True)
+        yield f"let s = {_text(outer)}"
+        if outer.is_Pow:  # of a root, so that powers are whole
+            named = {name: one.subs(q[0], s**2) for name, one in named.items()}
+        shared, left = sp.cse([sp.simplify(one) for one in named.values()], sp.numbered_symbols("y"))
+        yield from (f"let {name} = {_text(one)}" for name, one in shared)
+        for name, one in zip(named, left):
+            value = f"select(beyond(q0, 0.0), {_text(one)}, 0.0)" if self.singular else _text(one)
+            yield f"let {name} = {value}"
+
+
+@dataclass(frozen=True)
+class _Vector:
+    """A vector that is linear in the frames: ``p_b - p_a``, ``u_a`` or ``u``."""
+
+    name: str
+
+    @property
+    def touched(self) -> list[tuple[str, str]]:
+        """First number and count of what it depends on."""
+        if self.name == "p_b - p_a":
+            return [("0", "d"), ("n", "d")]
+        row, _, frame = self.name.partition("_")
+        return [(f"{FIRST[frame]} + d", "d * d")] if frame else []
+
+    def component(self, into: str) -> list[str]:
+        """Return what makes its component c."""
+        if self.name == "p_b - p_a":
+            return [f"let {into} = z[n + c] - z[c]"]
+        row, _, frame = self.name.partition("_")
+        of_row = f"axes[{ROWS.index(row)}"
+        if not frame:
+            return [f"let {into} = {of_row}, c]"]
+        place = f"z[{FIRST[frame]} + d + d * k + c]"
+        return [f"let {into} = 0.0 * z[0]", f"for k in range(d): {into} += {of_row}, k] * {place}"]
+
+    def entries(self, k: str) -> list[tuple[str, str, str]]:
+        """Return a loop, the number that its component c depends on, and the factor of that."""
+        if self.name == "p_b - p_a":
+            return [("", "n + c", "1.0"), ("", "c", "-1.0")]
+        row, _, frame = self.name.partition("_")
+        place = f"{FIRST[frame or 'a']} + d + d * {k} + c"
+        return [(f"for {k} in range(d): ", place, f"axes[{ROWS.index(row)}, {k}]")] if frame else []
+
+
+def _both(one: str, other: str, value: str, number: int) -> str:
+    """Return what adds a value to both sides of the diagonal."""
+    return f"let h{number} = {value}; hessian[{one}, {other}] += h{number}; hessian[{other}, {one}] += h{number}"
+
+
+def _times(one: str, other: str) -> str:
+    """Return a product of two factors, the first of which may be a sign."""
+    for factor, left in ((one, other), (other, one)):
+        if factor == "1.0":
+            return left
+        if factor == "-1.0":
+            return left[1:] if left.startswith("-") else f"-{left}"
+    return f"{one} * {other}"
+
+
+def _text(expression: Any) -> str:
+    """Return an expression of numbers or vectors: no powers, no whole numbers."""
+    from sympy.printing.pycode import PythonCodePrinter
+
+    class Printer(PythonCodePrinter):
+        def _print_Integer(self, one: Any) -> str:
+            return f"{int(one)}.0"
+
+        def _print_Rational(self, one: Any) -> str:
+            return repr(float(one))
+
+        def _print_Pow(self, one: Any, rational: bool = False) -> str:
+            if one.exp == 0.5:
+                return f"square_root({self._print(one.base)})"
+            base = self._print(one.base)
+            product = " * ".join([base if one.base.is_Symbol else f"({base})"] * abs(int(one.exp)))
+            return f"({product})" if one.exp > 0 else f"1.0 / ({product})"
+
+        def _print_atan2(self, one: Any) -> str:
+            return f"angle_of({', '.join(map(self._print, one.args))})"
+
+    return Printer().doprint(expression)
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [f"    {line}" for line in lines]
+
+
+def _expanded(lines: Sequence[str]) -> Iterator[str]:
+    """Yield lines with a loop in each line of its own."""
+    for line in lines:
+        depth = len(line) - len(line.lstrip())
+        while loop := re.match(r"\s*(for \w+ in range\([^)]*\):) (.+)", line):
+            yield " " * depth + loop[1]
+            depth += 4
+            line = loop[2]
+        yield from (" " * depth + part.strip() for part in line.split("; "))
+
+
+def _in_c(lines: Sequence[str]) -> Iterator[str]:
+    """Yield lines in C."""
+    open_at: list[int] = []
+    for line in [*lines, ""]:
+        text = line.strip()
+        depth = len(line) - len(text)
+        while open_at and depth <= open_at[-1]:
+            yield " " * open_at.pop() + "}"
+        text = re.sub(r"\[([^\[\],]+), ([^\[\]]+)\]", r"[\1][\2]", text)
+        text = re.sub(r"\bd\b", "D", re.sub(r"\bn\b", "N_FRAME", text))
+        if loop := re.match(r"for (\w+) in range\((.*)\):$", text):
+            text = f"for (int {loop[1]} = 0; {loop[1]} < {loop[2]}; {loop[1]}++) {{"
+        elif text == "if second:":
+            text = "if (hessian) {"
+        elif text:
+            text = re.sub(r"^let ", "double ", text) + ";"
+        if text.endswith("{"):
+            open_at.append(depth)
+        if text:
+            yield " " * depth + text
+
+
+def print_kinds(kinds: Sequence[Kind]) -> str:
+    """Return the module that evaluates statements of these kinds, with the text in C."""
+    functions, in_c = [], []
+    for kind in kinds:
+        lines = [re.sub(r"\b0 \+ ", "", line) for line in _indented(list(_expanded(kind.lines())))]
+        name = kind.name.lower()
+        head = ["    d = axes.shape[1]", "    n = d * (d + 1)"]
+        body = [line.replace("let ", "", 1) for line in lines]
+        top = ["", '@njit(cache=True, error_model="numpy")', f"def _{name}({TAKES}):"]
+        functions.append("\n".join([*top, *head, *body, ""]))
+        takes = (
+            "const double (*axes)[D], const double z[], double turned, double gradient[],\n"
+            "    double (*hessian)[2 * N_FRAME], double spare[]"
+        )
+        unused = "    (void)axes, (void)turned, (void)gradient, (void)hessian, (void)spare;"
+        in_c.append("\n".join([f"static double of_{name}({takes}) {{", unused, *_in_c(lines), "}", ""]))
+    cases = [
+        f"    if kind == {k}:\n        return _{kind.name.lower()}({TAKES})" for k, kind in enumerate(kinds)
+    ]
+    of = "of->axes, z, turned, gradient, hessian, spare"
+    cases_in_c = [f"    if (of->kind == {kind.name}) return of_{kind.name.lower()}({of});" for kind in kinds]
+    c = C.format(functions="\n".join(in_c), cases="\n".join(cases_in_c))
+    return PYTHON.format(functions="\n".join(functions), takes=TAKES, cases="\n".join(cases), c=c)
