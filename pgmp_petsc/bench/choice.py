@@ -254,8 +254,9 @@ def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     worst = max(apart, key=apart.__getitem__, default="")
     if apart and apart[worst] > SPARE * tolerance:
         return [
-            f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in {worst}, "
-            f'more than {SPARE:g} of the tolerance: against the mesh it may not hold (reference.model = "mesh")'
+            f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in "
+            f'{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold '
+            '(reference.model = "mesh")'
         ]
     if errors is None:
         return ["what finer meshes would change is no part of the tolerance, and was not measured"]

@@ -120,7 +120,7 @@ def describe_ensemble(
     may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units, scene.ensemble.failed_share, may_be_retried),
+        *failure_remarks(status, drawn, units, origin.model, scene.ensemble.failed_share, may_be_retried),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),

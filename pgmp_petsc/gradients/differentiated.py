@@ -163,7 +163,7 @@ def differentiate(
     attempt, done, trail = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
-        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure}")
+        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
     times, states = trail.of_sample(0)
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)

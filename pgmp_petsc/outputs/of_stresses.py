@@ -44,6 +44,11 @@ class Stress(OutputEntry):
     )
     region: str | None = Field(None, description="region of cells of a solid: the largest value there")
 
+    @property
+    def kinked(self) -> bool:
+        """Whether it is asked of more than one place."""
+        return self.at is None
+
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit its body."""
         return stress_problems(scene, name, self)

@@ -7,8 +7,8 @@ A thread writes them, so that work of which no unit is done yet is seen to go on
 What is left is told by the rate of the last part of the work, without the time that it waited for the compiler: what
 comes first is slower as a rule. Units that are under way count by the share of their steps that is done.
 
-Between counts a person at a terminal sees which phase goes on (`Beat`); where there is none, the log has a line when
-that waits for the compiler.
+Between counts a person at a terminal sees which phase goes on, and a log has a line of it (`Beat`): neither is without
+a word for longer than `EVERY`.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Lines:
         self._start = clock()
         self._seen = deque([(0.0, float(initial))])  # s without waiting, units
         self._waited = waited(self._start)
-        self._next = self._start + EVERY
+        self._next = min([self._start + EVERY, *(max(one.due, self._start) for one in _beats)])
         self._said = -1  # the count of the last line
         self._turn = threading.Lock()
         self._ended = threading.Event()
@@ -170,6 +170,8 @@ class Lines:
 
     def _say(self, times: str) -> None:
         self._said = self._done
+        for one in _beats:
+            one.due = self._clock() + EVERY
         of = "" if self._total is None else f" of {self._total}"
         try:
             print(f"{self._description}: {int(self._so_far)}{of}, {times}", file=self._stream, flush=True)
@@ -233,13 +235,17 @@ class _Bar:
 class Beat:
     """Shows that a command goes on while nothing is counted: what it does, or waits for, and for how long.
 
-    A person sees a line that the next one takes the place of. A log has lines of what is waited for alone, as seldom as
-    those of counts.
+    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts.
+
+    Attributes
+    ----------
+    due
+        When something is to be said, by the clock, s.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream, self._clock, self._person = stream, clock, stream.isatty()
-        self._ended, self._since, self._what, self._next = threading.Event(), clock(), "", 0.0
+        self._ended, self._since, self._what, self.due = threading.Event(), clock(), "", clock() + EVERY
         self._shown = False
 
     def __enter__(self) -> Beat:
@@ -255,17 +261,19 @@ class Beat:
         self.clear()
 
     def look(self) -> None:
-        """Show what goes on, if it has for `EVERY` seconds and no count shows it."""
-        waits, now = _waits_for[-1:], self._clock()
+        """Show what goes on, if nothing was said for `EVERY` seconds and no count shows it."""
+        now = self._clock()
         for bar in _bars:  # its time goes on where no unit comes to its end
             if self._person and not bar.disable:
                 bar.refresh()
-        what = "" if _counts else waits[0] if waits else _phases[-1] if _phases else "working"
+        what = "" if _counts else (_waits_for or _phases or ["working"])[-1]
         if what != self._what:
             self.clear()
-            self._what, self._since, self._next = what, now, now + EVERY
-        elif what and now >= self._next and (self._person or waits):
-            self._next = now + (BEAT if self._person else EVERY)
+            self._what, self._since = what, now
+        if not what:
+            self.due = now + EVERY if self._person else self.due  # a bar shows that, and lines of a log say so
+        elif now >= self.due:
+            self.due = now + (BEAT if self._person else EVERY)
             start, end = ("\r\x1b[K", "\r") if self._person else ("", "\n")
             self._shown = True
             self._write(f"{start}pgmp: {what}, {_words(now - self._since)}{end}")
@@ -277,7 +285,7 @@ class Beat:
             self._write("\r\x1b[K")
 
     def _watch(self) -> None:
-        while not self._ended.wait(BEAT):
+        while not self._ended.wait(min(BEAT, max(self.due - self._clock(), 0.05))):
             self.look()
 
     def _write(self, text: str) -> None:
@@ -340,6 +348,8 @@ def announce(text: str, comm: MPI.Comm) -> None:
         return
     # not over the bar of a terminal
     start = "\r\x1b[K" if sys.stderr.isatty() else ""
+    for one in _beats:
+        one.due = _now() + EVERY
     with suppress(OSError):
         print(f"{start}pgmp: {visible(text)}", file=sys.stderr, flush=True)
 

@@ -83,6 +83,11 @@ class OutputEntry(Table):
         """
         raise NotImplementedError
 
+    @property
+    def kinked(self) -> bool:
+        """Whether it is the largest at many points: its history has kinks where another point takes over."""
+        return False
+
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
         yield from ()

@@ -403,7 +403,7 @@ def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[
         f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
         f"{model.scene.simulation.duration:g} s: {status.meaning}"
     )
-    return [warning("; ".join(filter(None, (what, reason or status.cure))))]
+    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name)))))]
 
 
 def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:
@@ -425,5 +425,5 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     return (
         f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
         f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
-        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure}"
+        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure(model.name)}"
     )

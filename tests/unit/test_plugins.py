@@ -161,6 +161,7 @@ GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hing
 #: Joints in which a bar slides and turns in a plane.
 SLIDING_AND_TURNING = {
     "pin_in_slot": (PIN,),
+    "planar": ('joints.held={type="planar", connect=["ground:origin", "bar:middle"], normal=[0, 0, 1]}', GUIDE),
 }
 
 
@@ -330,7 +331,7 @@ def test_commands_take_plugins_and_end_with_one_message(
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
     statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
     assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
-    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: ")]
+    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
     for name, message in zip(wrong, messages):
         assert re.search(BROKEN[name][1], message)
     assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
