@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed, FullStatics
 from pgmp_petsc.dynamics.rank_solver import PREFIX
@@ -72,8 +72,6 @@ class FullModel:
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
-        from pgmp_petsc.bodies.line_bodies import at_lengths
-
         return type(self)(scene, at_lengths(scene, self.meshes))
 
     def with_loads(self, scene: Scene) -> Self:
