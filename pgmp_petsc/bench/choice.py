@@ -42,8 +42,7 @@ from pgmp_petsc.bench.step_choice import (
     StepChoice,
     first_steps,
 )
-from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel

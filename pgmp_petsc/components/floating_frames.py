@@ -21,10 +21,9 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.inertia_moments import linear_fields
-from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
+from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.component_modes import (
     condense,
     foreshortened,

@@ -41,7 +41,7 @@ class Model:
 class Reduced(Model, ReducedModel):
     """The same of a model whose outputs follow from coordinates: its states wait for others."""
 
-    def observed_of(self, eta: np.ndarray, values: object) -> np.ndarray:
+    def observed_of(self, eta: np.ndarray, values: object, v: np.ndarray) -> np.ndarray:
         return eta.reshape(1, -1)
 
 
