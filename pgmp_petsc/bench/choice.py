@@ -51,7 +51,7 @@ from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation

@@ -35,10 +35,10 @@ from pgmp_petsc.components.component_modes import (
 from pgmp_petsc.components.condensing import check_slender, serving_points
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
+from pgmp_petsc.scene.effect_checks import points_used, stressed_bodies
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -26,12 +26,7 @@ from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.ensemble import Ensemble, Event
-from pgmp_petsc.scene.numerics import Simulation
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.numerics import Simulation
-
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
 Found = dict[str, dict[str, np.ndarray]]

@@ -30,7 +30,7 @@ from pgmp_petsc.runtime.lane_items import angle_of, beyond, nearest_whole, selec
 
 {functions}
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, apart=lambda kind, axes, z, *_: z.dtype, error_model="numpy")
 def evaluate(kind, {takes}):
     """Evaluate a statement, of numbers or of vectors (`lane_items`), and return it.
 

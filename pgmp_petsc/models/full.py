@@ -26,9 +26,9 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.runtime.seal import identity
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.scene.ensemble import Ensemble, Event
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 
 STEP, N_STEPS, N = 0.01, 100, 5
 SIZES = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
