@@ -45,8 +45,7 @@ from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.refinement import refined
+from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel

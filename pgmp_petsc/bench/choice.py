@@ -42,8 +42,7 @@ from pgmp_petsc.bench.step_choice import (
     StepChoice,
     first_steps,
 )
-from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -51,7 +50,7 @@ from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation

@@ -32,8 +32,9 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
+
 
 class ReducedLanes:
     """Samples in blocks of LANES, in an order that may change; no sample's numbers depend on its lane.

@@ -8,9 +8,9 @@ from typing import Literal
 from pydantic import Field
 
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import stress_problems
 from pgmp_petsc.scene.fields import Vector
 from pgmp_petsc.scene.outputs import OutputEntry
-from pgmp_petsc.scene.stress_checks import stress_problems
 
 
 class Stress(OutputEntry):

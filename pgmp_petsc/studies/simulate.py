@@ -48,7 +48,7 @@ from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
@@ -283,7 +283,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.history()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.observed_of(history.q, model.scene.values)
+            outputs = model.observed_of(history.q, model.scene.values, history.v)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)

@@ -21,10 +21,9 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.findings import Finding, doubt, refusal
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.scene.messages import input_error
+from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
