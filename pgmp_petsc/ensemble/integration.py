@@ -39,7 +39,7 @@ from pgmp_petsc.ensemble.watchers import (
     ValidityWatcher,
     Watcher,
 )
-from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.groups import Pulse, RankGroup, deal_to_groups

@@ -21,8 +21,7 @@ from pgmp_petsc.dynamics.generalised_alpha import Observer, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
-from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
