@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 
 from benchmarks.limit_states import limit_states
 from benchmarks.tables import Table
-from pgmp_petsc.bodies.karhunen_loeve import expansion
+from pgmp_petsc.bodies.random_fields import expansion
 from pgmp_petsc.ensemble.integration import Watching, run_batch
 from pgmp_petsc.ensemble.plan import Piece
 from pgmp_petsc.ensemble.rare_events import RareSamples, find

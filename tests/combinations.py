@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory

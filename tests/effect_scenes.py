@@ -15,8 +15,7 @@ from pgmp_petsc.dynamics.energies import joined
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml

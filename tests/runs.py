@@ -16,8 +16,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.mesh.line_mesh import read_line_mesh
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom

@@ -15,7 +15,8 @@ import numpy as np
 from compiled_elements import beam2d
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
+from pgmp_petsc.bodies.body import element_dofs
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -39,7 +40,7 @@ class StaticEquilibrium:
         self._elements = []
         for body in mechanism.bodies:
             self._rest[body.nodes, :2] = body.mesh.nodes
-            terms = body.section.stiffness_terms()
+            terms = body.section.terms("stiffness")
             section = evaluate_weights(terms, values) @ np.array(list(terms.values()))
             dofs = element_dofs(body.elements)
             self._elements += [(*part, section) for part in zip(dofs, body.mesh.lengths, body.directions)]

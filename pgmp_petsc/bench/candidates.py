@@ -166,7 +166,7 @@ class Limits:
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
         n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
         n_modes = n_free - (len(coordinates) - len(clamped))
-        of_cells = any(body.component is not None and body.flexible for body in mechanism.bodies)
+        of_cells = any(body.dense for body in mechanism.bodies)
         served = n_condensed if of_cells and n_modes > n_condensed else None
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
@@ -174,8 +174,7 @@ class Limits:
         n = len(coordinates)
         # where effects add terms of second order, there is nothing to choose
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
-        larges = [body.component.large for body in mechanism.bodies if body.component is not None]
-        slender = all(large is None or large.slender for large in larges)
+        slender = all(body.has_long_axis for body in mechanism.bodies)
         return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, served, slender)
 
 

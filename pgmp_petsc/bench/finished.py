@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -128,11 +127,7 @@ def _name(kind: str, task: object) -> str:
     return f"{kind}-{hashlib.sha256(repr(task).encode()).hexdigest()[:32]}"
 
 
-# s, a step of a sample: of a node of beams in the plane and in space, of an unknown of plane and solid meshes, of a
-# pair of amplitudes, of a rigid body, and of a local effect, which also costs Newton corrections
-PLANAR_NODE, SPATIAL_NODE = 4.0e-7, 4.0e-5
-PLANE_UNKNOWN, SOLID_UNKNOWN = 7.0e-7, 3.0e-5
-PAIR, RIGID, LOCAL_EFFECT = 5.0e-8, 1.0e-6, 1.5e-5
+LOCAL_EFFECT = 1.5e-5  # s, of a step of a sample, Newton corrections included
 
 
 @dataclass(frozen=True)
@@ -154,17 +149,7 @@ class Price:
 def step_seconds(mechanism: Mechanism) -> float:
     """Return the predicted processor time of a step of one sample of a full-order or component model, s."""
     local = sum(effect.local for effect in mechanism.scene.effects.values())
-    return LOCAL_EFFECT * local + sum(_of_body(body) for body in mechanism.bodies)
-
-
-def _of_body(body: Body) -> float:
-    if body.floating is not None:
-        return PAIR * body.floating.n**2
-    if body.meshed is not None:
-        return (PLANE_UNKNOWN if body.node_dofs == 3 else SOLID_UNKNOWN) * body.n_internal
-    if body.is_beam:
-        return (PLANAR_NODE if body.is_planar_beam else SPATIAL_NODE) * body.n_nodes
-    return RIGID
+    return LOCAL_EFFECT * local + sum(body.step_seconds for body in mechanism.bodies)
 
 
 def duration_text(seconds: float) -> str:

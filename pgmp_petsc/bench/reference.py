@@ -29,7 +29,7 @@ from scipy.linalg import block_diag, eigh, null_space
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.inertia_moments import rigid_motions
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
@@ -39,7 +39,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, linear_fields
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.modes.problem import ModalProblem
@@ -334,16 +334,16 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
     for body in mechanism.bodies:
-        rigid = linear_fields(body)[: body.node_dofs * body.n_nodes] @ rigid_motions(np.zeros(body.mesh.nodes.shape[1]))
-        columns = np.zeros((mechanism.n_dofs, rigid.shape[1] + (0 if body.floating is None else body.floating.n)))
+        rigid = body.linear_fields()[: body.node_dofs * body.n_nodes] @ rigid_motions(np.zeros(body.dimension))
+        columns = np.zeros((mechanism.n_dofs, rigid.shape[1] + body.n_amplitudes))
         columns[body.dofs[: len(rigid)], : rigid.shape[1]] = rigid
         mass, stiffness = np.zeros((2, columns.shape[1], columns.shape[1]))
-        if body.floating is not None:
-            shapes = body.floating.shapes.reshape(-1, body.floating.n)
+        for floating in body.blocks("floating"):
+            shapes = floating.shapes.reshape(-1, floating.n)
             columns[body.dofs[: len(shapes)], rigid.shape[1] :] = shapes
-            mass = _inertia(body, nominal)
+            mass = _inertia(floating, nominal)
             own = slice(rigid.shape[1], None)
-            stiffness[own, own] = _sum(body.floating.stiffness, nominal)
+            stiffness[own, own] = _sum(floating.stiffness, nominal)
         moved.append(columns)
         masses.append(mass)
         stiffnesses.append(stiffness)
@@ -359,9 +359,9 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     return _period(free.T @ block_diag(*stiffnesses) @ free, free.T @ mass @ free, n_rigid)
 
 
-def _inertia(body: Body, nominal: dict[str, float]) -> np.ndarray:
+def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
-    floating, d = body.floating, body.mesh.nodes.shape[1]
+    d = floating.centres.shape[1]
     moments, n_rigid = _sum(floating.moments, nominal), d * (d + 1) // 2
     rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
     for k in range(d):

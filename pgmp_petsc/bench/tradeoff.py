@@ -23,7 +23,7 @@ from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
-from pgmp_petsc.bench.finished import PAIR, Arrays, Finished, step_seconds
+from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
 from pgmp_petsc.bench.history import largest_errors
 from pgmp_petsc.bench.reference import (
     Demand,
@@ -41,6 +41,7 @@ from pgmp_petsc.bench.sweep import (
     own_setting,
     settings_around,
 )
+from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
@@ -191,7 +192,7 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     n = max((*sweep.component_modes, 1)) + FRAME_FIELDS
     flexible = sum(body.flexible for body in subject.scene.bodies.values())
-    components = PAIR * n**2 * flexible if reference.is_mesh else reference.price.step
+    components = PAIR_SECONDS * n**2 * flexible if reference.is_mesh else reference.price.step
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 

@@ -6,7 +6,7 @@ In its own frame the body has ``K`` and ``M`` of all displacements of its nodes.
 
 so that a modulus or a density of the whole body can be varied, and no more is known: no strains inside, no cells, no
 third derivative of the energy. The mass is ``m`` along every axis, ``M = m (x) 1``, which inertia forces of large
-rotations need (`bodies.inertia_moments`); `assembled_checks` sees to that.
+rotations need (`bodies.inertia_moments`); `assembled_reading` sees to that.
 """
 
 from __future__ import annotations
@@ -20,11 +20,9 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.profile import UNIFORM, Profiles
-from pgmp_petsc.bodies.section_scale import SectionScale
-from pgmp_petsc.mesh.incidence import bounds_one_cell, cell_faces
+from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, bounds_one_cell, cell_faces
 from pgmp_petsc.mesh.reference_element import reference_element
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there

@@ -1,27 +1,42 @@
-"""A body's matrices and nodes from the files that a scene names, in SI units."""
+"""A body's matrices and nodes from the files that a scene names, in SI units.
+
+What matrices of a free body of displacements have to be; each check says what was found and the cure.
+
+==================== ====================================================================================
+symmetric            to 1e-9 of the largest entry: writers print ten digits and more, and the same ones on both sides
+mass                 the same m along every axis, nothing between axes, and positive definite: the smallest eigenvalue
+                     of m scaled to a diagonal of 1, by Lanczos' method. Of undistorted cells it is 0.08 (hexahedron20)
+                     to 0.5, and no smaller of a mesh of them (Wathen, IMA J. Numer. Anal. 7, 1987): few steps find it
+free                 rigid motions R have no stiffness: eigenvalues of ``R^T K R`` in ``R^T M R`` below 1e-6 of that of
+                     the slowest polynomial field, frequencies of them below 1e-3; those that have are counted
+in one piece         nodes hang together by entries of K
+mass properties      as the scene states them
+nodes                span the plane, or space
+==================== ====================================================================================
+
+Whether K is positive, and whether anything but rigid motion is free, takes a factorisation: it is found out where
+bodies are condensed (`components.body_problem`).
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import eigh
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
-from pgmp_petsc.bodies.assembled import Assembled
-from pgmp_petsc.bodies.assembled_checks import (
-    check_diagonal,
-    check_free,
-    check_mass,
-    check_places,
-    check_stated,
-    made_symmetric,
-)
-from pgmp_petsc.mesh.matrix_files import read_matrix
-from pgmp_petsc.mesh.matrix_rows import in_order_of_nodes, read_rows
-from pgmp_petsc.mesh.node_file import read_nodes
-from pgmp_petsc.runtime.errors import shortened
+from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
+from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes, read_rows
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
+from pgmp_petsc.runtime.errors import InputError, shortened
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import Stated
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
-    """Read a body's matrices, and check what can be checked without a factorisation: see `assembled_checks`.
+    """Read a body's matrices, and check what can be checked without a factorisation: see the module.
 
     Raises
     ------
@@ -49,3 +64,213 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     if given.stated is not None:
         check_stated(body.properties, given.stated, f"{entry}.stated")
     return body
+
+
+SYMMETRIC = 1e-9  # of the largest entry
+ALIKE = 1e-8  # of the largest entry: masses along two axes
+FLATTEST = 1e-6  # extent across to that along, of a body
+FREE = 1e-6  # of the eigenvalue of the slowest polynomial field
+SAFETY = 10.0  # times the round-off of sums that cancel
+PENALTY = 1e30  # of Abaqus' 1e36 on the diagonal where displacements are prescribed
+DENSE = 100  # nodes up to which all eigenvalues are as quick
+AXES = "xyz"
+
+
+def check_places(nodes: np.ndarray, received: str) -> None:
+    """Refuse nodes (n, d) that all lie in one place, on a line, or (in space) in a plane: no solid has such ones, and
+    what is turned about them has no inertia."""
+    d, extents = nodes.shape[1], np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)
+    n_wide = int((extents > max(FLATTEST * extents[0], RELATIVE_TOLERANCE * np.abs(nodes).max())).sum())
+    if n_wide < d:
+        where = ("in one place", "on a line", "in a plane")[n_wide]
+        raise InputError(
+            f"{received}: all {len(nodes)} nodes lie {where}; those of a solid{d}d body span "
+            f"{'a plane' if d == 2 else 'space'}: check the file's columns and its unit"
+        )
+
+
+def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:
+    """Refuse boundary conditions, and nodes without stiffness or mass.
+
+    Parameters
+    ----------
+    matrix
+        In SI units, of shape (d n_nodes, d n_nodes).
+    kind
+        ``"stiffness"`` or ``"mass"``.
+    labels
+        Numbers of the nodes, shape (n_nodes,).
+    received
+        The scene's entry and its value, with which messages begin.
+    unit
+        That of the file in SI units.
+    """
+    diagonal = matrix.diagonal() / unit
+    held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
+    if held.size:
+        raise InputError(
+            f"{received}: {held.size} entries of the diagonal, the first of {_unknown(held[0], labels, d)}, are "
+            f"boundary conditions ({diagonal[held[0]]:.2g}); a body is free: write its matrices without them"
+        )
+    none = np.flatnonzero(diagonal <= 0.0)
+    if none.size:
+        cure = "leave out nodes that are in no element"
+        if kind == "mass":
+            cure += ", and take a consistent mass or one lumped to all nodes"
+        raise InputError(
+            f"{received}: not positive: {none.size} of {diagonal.size} entries of the diagonal are not, the first is "
+            f"{diagonal[none[0]]:.3g} of {_unknown(none[0], labels, d)}; {cure}"
+        )
+
+
+def made_symmetric(matrix: sp.coo_matrix, labels: np.ndarray, d: int, received: str) -> sp.csr_matrix:
+    """Return the symmetric part of a matrix that is symmetric but for round-off; the other parameters are those of
+    `check_diagonal`."""
+    whole = matrix.tocsr()
+    apart, largest = abs(whole - whole.T).tocoo(), np.abs(whole.data).max()
+    if apart.nnz and apart.data.max() > SYMMETRIC * largest:
+        worst = int(np.argmax(apart.data))
+        i, j = apart.row[worst], apart.col[worst]
+        one, other = whole[i, j], whole[j, i]
+        cure = "matrices of elastic bodies are symmetric; write it without friction, followers or gyroscopic terms"
+        if sp.triu(whole, 1).nnz == 0 or sp.tril(whole, -1).nnz == 0:
+            cure = "the file holds one triangle and does not say so: write the whole matrix, or declare it symmetric"
+        raise InputError(
+            f"{received}: not symmetric: {one:.6g} in the row of {_unknown(i, labels, d)} and the column of "
+            f"{_unknown(j, labels, d)}, {other:.6g} the other way round; {cure}"
+        )
+    return 0.5 * (whole + whole.T)
+
+
+def check_mass(body: Assembled, received: str) -> None:
+    """Refuse a mass that is not the same along every axis, or not positive definite."""
+    d, whole, scalar = body.dimension, body.matrix("mass"), body.scalar_mass
+    largest = scalar.diagonal().max()
+    for i in range(d):
+        for j in range(d):
+            part = whole[i::d, j::d] - (scalar if i == j else 0.0 * scalar)
+            if np.abs(part.data).max(initial=0.0) > ALIKE * largest:
+                what = (
+                    f"along {AXES[i]} it is another one than along x" if i == j else f"it ties {AXES[i]} to {AXES[j]}"
+                )
+                raise InputError(
+                    f"{received}: not the mass of displacements: {what}, by {np.abs(part.data).max() / largest:.2g} of "
+                    "its largest entry; inertia forces of large rotations need the same mass along every axis: write "
+                    "it without rotary inertia, added mass and couplings"
+                )
+    scale = sp.diags(1.0 / np.sqrt(scalar.diagonal()))
+    scaled = (scale @ scalar @ scale).tocsr()
+    if body.n_nodes <= DENSE:
+        smallest = float(np.linalg.eigvalsh(scaled.toarray())[0])
+    else:
+        start = np.random.default_rng(0).standard_normal(body.n_nodes)
+        try:
+            smallest = float(eigsh(scaled, 1, which="SA", v0=start, tol=1e-3, return_eigenvectors=False)[0])
+        except ArpackNoConvergence as error:
+            raise InputError(
+                f"{received}: whether it is positive definite cannot be told, Lanczos' method did not converge; take a "
+                "consistent mass, or one lumped with positive shares"
+            ) from error
+    if smallest <= 0.0:
+        raise InputError(
+            f"{received}: not positive definite: scaled to a diagonal of 1 it has the eigenvalue {smallest:.3g}; take "
+            "a consistent mass, or one lumped with positive shares"
+        )
+
+
+def check_free(body: Assembled, received: str) -> None:
+    """Refuse a body in several pieces, and one whose rigid motions have stiffness, counted."""
+    stiffness, mass, d = body.matrix("stiffness"), body.matrix("mass"), body.dimension
+    n_pieces, piece = connected_components(_by_nodes(stiffness, d), directed=False)
+    if n_pieces > 1:
+        aside = body.labels[np.flatnonzero(piece != piece[0])[0]]
+        raise InputError(
+            f"{received}: {n_pieces} pieces that no stiffness joins: node {aside} does not hang together with node "
+            f"{body.labels[0]}; each body is one piece"
+        )
+    arms = body.nodes - body.nodes.mean(axis=0)
+    places = arms / np.abs(arms).max()
+    rigid = linear_fields(places) @ rigid_motions(np.zeros(d))
+    fields = np.hstack([rigid, _bending(places)])
+    n = rigid.shape[1]
+    energies, momenta = (fields.T @ (matrix @ fields) for matrix in (stiffness, mass))
+    # the least of all that is no rigid motion: fields M-orthogonal to these
+    beside = np.vstack([-np.linalg.solve(momenta[:n, :n], momenta[:n, n:]), np.eye(fields.shape[1] - n)])
+    slowest = eigh(beside.T @ energies @ beside, beside.T @ momenta @ beside, eigvals_only=True)[0]
+    found, least = eigh(energies[:n, :n], momenta[:n, :n], eigvals_only=True), np.linalg.eigvalsh(momenta[:n, :n])[0]
+    # what is left of sums of entries that cancel
+    round_off = np.finfo(float).eps * np.linalg.norm(abs(stiffness) @ np.abs(rigid)) / least
+    tolerance = max(FREE * abs(slowest), SAFETY * round_off)
+    if found[0] < -tolerance or slowest <= 0.0:
+        raise InputError(
+            f"{received}: not positive: a smooth displacement of the body has negative energy; it must be that of an "
+            "elastic body at rest, without preload, and with all its digits"
+        )
+    n_free = int((found < tolerance).sum())
+    if n_free < n:
+        raise InputError(
+            f"{received}: {n_free} of {n} rigid-body motions are free of stiffness; the stiffest has {_hz(found[-1])} "
+            f"Hz, where the body itself has about {_hz(slowest)}. Write the matrices without supports and springs to "
+            "the ground, with all their digits, and let rows and nodes be of the same body in the same order"
+        )
+
+
+def check_stated(found: MassProperties, stated: Stated, entry: str) -> None:
+    """Refuse mass properties that differ from what a scene states."""
+    extent = float(np.sqrt(np.trace(found.second) / found.mass))
+    has = {"mass": np.array([found.mass]), "centre": found.centre, "inertia": np.diag(found.inertia)}
+    sizes = {"mass": found.mass, "centre": extent, "inertia": float(np.max(np.diag(found.inertia)))}
+    for key, values in has.items():
+        wanted = getattr(stated, key)
+        if wanted is None:
+            continue
+        wanted = np.atleast_1d(np.array(wanted))
+        if wanted.shape != values.shape:
+            raise InputError(f"{entry}.{key} = {wanted.tolist()}: {values.size} numbers are needed for this body")
+        if np.abs(values - wanted).max() > stated.within * sizes[key]:
+            units = {"mass": "kg", "centre": "m", "inertia": "kg m2"}[key]
+            shown = values.tolist() if values.size > 1 else float(values[0])
+            raise InputError(
+                f"{entry}.{key} = {wanted.tolist() if wanted.size > 1 else float(wanted[0])}: the matrices have "
+                f"{shown} {units}, which differs by more than {entry}.within = {stated.within:g} of "
+                f"{'the radius of gyration' if key == 'centre' else 'it'}; check units, and the frame of the nodes"
+            )
+
+
+def _by_nodes(matrix: sp.csr_matrix, d: int) -> sp.csr_matrix:
+    """Return which nodes have an entry in common, other than 0."""
+    entries = matrix.tocoo()
+    chosen = entries.data != 0.0
+    pairs = (entries.row[chosen] // d, entries.col[chosen] // d)
+    n = matrix.shape[0] // d
+    return sp.coo_matrix((np.ones(chosen.sum()), pairs), shape=(n, n)).tocsr()
+
+
+def _bending(places: np.ndarray) -> np.ndarray:
+    """Return strains that are constant, and bending, as displacement fields at places (n, d), shape (n d, n_fields).
+
+    A slender body bends at the frequency of the latter: across an axis by the square of the place along it, with the
+    sections turning.
+    """
+    n, d = places.shape
+    found = []
+    for i in range(d):
+        for j in range(i + 1):  # x_j along i, and symmetric
+            field = np.zeros((n, d))
+            field[:, i] += places[:, j]
+            field[:, j] += places[:, i]
+            found.append(field)
+        for j in range(d):
+            if j != i:
+                field = np.zeros((n, d))
+                field[:, j], field[:, i] = 0.5 * places[:, i] ** 2, -places[:, i] * places[:, j]
+                found.append(field)
+    return np.array(found).reshape(len(found), n * d).T
+
+
+def _unknown(row: int, labels: np.ndarray, d: int) -> str:
+    return f"node {labels[row // d]}, {AXES[row % d]}"
+
+
+def _hz(eigenvalue: float) -> str:
+    return f"{np.sqrt(abs(eigenvalue)) / (2.0 * np.pi):.3g}"

@@ -19,13 +19,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.beam2d import strains
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.recovery import products
 from pgmp_petsc.mesh.line_mesh import LineMesh
+
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.kinds.beam import Beam
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
 ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be that counts as on it
@@ -48,7 +51,7 @@ class BeamStrains:
         the middles of two elements, shape (n_points,), and the numbers of these, before and after, each (n_points,).
     """
 
-    body: Body
+    body: Beam
     elements: np.ndarray
     along: np.ndarray
     continued: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -59,9 +62,19 @@ class BeamStrains:
         return self.elements.size
 
     @property
+    def width(self) -> int:
+        """Numbers that an instant takes while strains are evaluated."""
+        return self.n_points
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The nodes that the points are at, of ends of elements, shape (n_points,)."""
+        return self.body.mesh.cells[self.elements, self.along.astype(int)]
+
+    @property
     def in_space(self) -> bool:
         """Whether the beams are in space."""
-        return self.body.axes is not None
+        return not self.body.planar
 
     def of_places(self, frames: np.ndarray) -> np.ndarray:
         """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes.
@@ -131,26 +144,26 @@ class BeamStrains:
         return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)
 
     @classmethod
-    def of(cls, body: Body, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
+    def of(cls, body: Beam, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
         """Take points of elements; `held` are the nodes at which a load or a joint may be."""
         return cls(body, elements, along, _continuation(body.mesh, elements, along, held))
 
     @classmethod
-    def at_ends(cls, body: Body, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
+    def at_ends(cls, body: Beam, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
         """Take both ends of all elements, or those that are at some nodes; `held` as for `of`."""
         chosen = np.ones(body.mesh.cells.shape) if nodes is None else np.isin(body.mesh.cells, nodes)
         elements, ends = np.nonzero(chosen)
         return cls.of(body, elements, ends.astype(float), held)
 
     @classmethod
-    def in_middles(cls, body: Body) -> BeamStrains:
+    def in_middles(cls, body: Beam) -> BeamStrains:
         """Take the middles of all elements."""
         n = len(body.mesh.cells)
         elements = np.arange(n)
         return cls(body, elements, np.full(n, 0.5), (np.zeros(n), elements, elements))
 
     @classmethod
-    def at_place(cls, body: Body, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
+    def at_place(cls, body: Beam, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
         """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
         mesh = body.mesh
         starts, edges = mesh.nodes[mesh.cells[:, 0]], np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]

@@ -99,13 +99,6 @@ class Component:
         return {"mass": self.mass, "stiffness": self.stiffness}[kind]
 
     @property
-    def spreading(self) -> np.ndarray:
-        """What of y makes the displacement ``u = x`` of every place x, shape (n,): the direction of centripetal
-        forces."""
-        d = self.centres.shape[1]
-        return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
-
-    @property
     def rigid(self) -> bool:
         """Whether the body does not deform."""
         return self.centre_of_mass is not None

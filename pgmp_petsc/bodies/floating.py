@@ -36,6 +36,8 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.recovery import Recovery
 
+PAIR_SECONDS = 5.0e-8  # of a processor, of two amplitudes in a step
+
 
 @dataclass(frozen=True, eq=False)
 class FloatingBody:

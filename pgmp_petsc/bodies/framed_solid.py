@@ -10,9 +10,8 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
-from pgmp_petsc.bodies.profile import UNIFORM, Profiles
+from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh

@@ -20,14 +20,17 @@ The fields are ordered as in `Component.fields`: the d displacements, then ``u_i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest, natural_mass
-from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
+from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest
+
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.body import Body
 
 # the axes (from, to) that each rotation turns into each other, in the order of the rotations
 TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
@@ -50,7 +53,7 @@ def linear_fields(places: np.ndarray) -> np.ndarray:
     for i in range(d):
         fields[:, i, i] = 1.0
         fields[:, i, d + d * i : d + d * (i + 1)] = places
-    return fields.reshape(n * d, -1)
+    return fields.reshape(n * d, d + d * d)
 
 
 def rigid_motions(centre: np.ndarray) -> np.ndarray:
@@ -65,45 +68,28 @@ def rigid_motions(centre: np.ndarray) -> np.ndarray:
     return fields
 
 
-CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 Moments = dict[tuple[int, int], sp.csr_matrix]
 
 
 def inertia_moments(body: Body) -> dict[Monomial, Moments]:
     """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns."""
     found: dict[Monomial, Moments] = {}
-    d, n = body.mesh.nodes.shape[1], body.dofs.size
-    parts = [_of_beams(body) if body.is_beam else iter(()), _of_lumps(body)]
-    if body.component is not None:
-        parts.append(_of_component(body))
-    for part in parts:
-        for weight, dofs, values in part:
-            own = found.setdefault(weight, {(i, j): sp.csr_matrix((n, n)) for i in range(d) for j in range(d)})
-            rows, columns = np.repeat(dofs, dofs.shape[1], axis=1).ravel(), np.tile(dofs, dofs.shape[1]).ravel()
-            for i in range(d):
-                for j in range(d):
-                    own[i, j] = own[i, j] + sp.csr_matrix((values[:, i, j].ravel(), (rows, columns)), shape=(n, n))
+    d, n = body.dimension, body.dofs.size
+    for weight, dofs, values in chain(body.moments(), _of_lumps(body)):
+        own = found.setdefault(weight, {(i, j): sp.csr_matrix((n, n)) for i in range(d) for j in range(d)})
+        rows, columns = np.repeat(dofs, dofs.shape[1], axis=1).ravel(), np.tile(dofs, dofs.shape[1]).ravel()
+        for i in range(d):
+            for j in range(d):
+                own[i, j] = own[i, j] + sp.csr_matrix((values[:, i, j].ravel(), (rows, columns)), shape=(n, n))
     return found
 
 
 def director_inertia(body: Body) -> dict[Monomial, np.ndarray]:
     """Return J of the nodes of a body in space by weight, shape (n_nodes, 3, 3), kg m2; none of condensed ones."""
     found: dict[Monomial, np.ndarray] = {}
-
-    def add(weight: Monomial, nodes: np.ndarray, values: np.ndarray) -> None:
+    lumps = ((w, node, 0.5 * lump.inertia * np.eye(3)) for node, own in body.lumps.items() for w, lump in own.items())
+    for weight, nodes, values in chain(body.director_inertia(), lumps):
         np.add.at(found.setdefault(weight, np.zeros((body.n_nodes, 3, 3))), nodes, values)
-
-    if body.is_beam:
-        for weight, coefficients in body.sections("mass").items():
-            density = np.einsum("eis,es,ejs->eij", body.axes[:, :, 1:], coefficients[:, [2, 1]], body.axes[:, :, 1:])
-            for nodes in body.mesh.cells.T:
-                add(weight, nodes, 0.5 * body.mesh.lengths[:, None, None] * density)
-    if body.component is not None and body.component.rigid:
-        for weight, matrix in body.component.mass.items():
-            add(weight, np.array([0]), _directors(matrix[3:, 3:])[None])
-    for node, lumps in body.lumps.items():
-        for weight, lump in lumps.items():
-            add(weight, np.array([node]), 0.5 * lump.inertia * np.eye(3)[None])
     return found
 
 
@@ -112,65 +98,26 @@ def turned(moments: Moments, turn: np.ndarray) -> sp.csr_matrix:
     return sum(turn[i, j] * moment for (i, j), moment in moments.items() if turn[i, j]) + 0.0 * moments[0, 0]
 
 
-def _of_beams(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-    """Yield weights, unknowns (n_e, k) and moments (n_e, d, d, k, k) of elements."""
-    dofs, lengths = element_dofs(body.mesh.cells, body.node_dofs), body.mesh.lengths
-    found = {}
-    for weight, coefficients in body.section.terms("mass").items():
-        if body.is_planar_beam:
-            gradient = np.zeros((2, 2, 6))  # of the places of both nodes
-            for node in range(2):
-                gradient[0, node, 3 * node] = gradient[1, node, 3 * node + 1] = 1.0
-            mass = coefficients[0] * lengths[:, None, None] * CONSISTENT
-        else:
-            gradient = at_rest().reshape(2 * N_FRAME // 3, 3, 12).swapaxes(0, 1)
-            mass = natural_mass(lengths, body.axes, np.array(coefficients))[:, ::3, ::3]
-        found[weight] = np.einsum("iak,eab,jbl->eijkl", gradient, mass, gradient, optimize=True)
-    for weight, moments in body.profiles.mass.over(found, np.arange(lengths.size)).items():
-        yield weight, dofs, moments
-
-
 def _of_lumps(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
     if not body.lumps:
         return
-    d, per_node = body.mesh.nodes.shape[1], body.node_dofs
-    alone = body.alone()
-    dofs, values = lumped_entries(alone)
+    d, per_node = body.dimension, body.node_dofs
+    dofs, values = body.alone().lumped_entries()
     dofs = dofs.reshape(-1, per_node)
     for weight, own in values.items():
         own = own.reshape(-1, per_node)
-        moments = np.zeros((len(dofs), d, d, per_node, per_node))
-        for i in range(d):
-            for j in range(d):
-                moments[:, i, j, i, j] = own[:, 0]
+        moments = np.einsum("n,ik,jl->nijkl", own[:, 0], np.eye(d, per_node), np.eye(d, per_node))
         if d == 3:
-            inertia = np.einsum("n,kl->nkl", 0.5 * own[:, 3], np.eye(3))
-            moments += _of_directors(inertia)
+            moments += of_directors(np.einsum("n,kl->nkl", 0.5 * own[:, 3], np.eye(3)))
         yield weight, dofs, moments
 
 
-def _of_component(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
-    dofs = np.arange(body.dofs.size)[None]
-    if not body.component.rigid:
-        for weight, moments in body.component.moments.items():
-            yield weight, dofs, moments[None]
-        return
-    if body.node_dofs == 3:
-        return  # its mass is that of its lumps
-    for weight, matrix in body.component.mass.items():
-        moments = _of_directors(_directors(matrix[3:, 3:])[None])
-        for i in range(3):
-            for j in range(3):
-                moments[0, i, j, i, j] += matrix[0, 0]
-        yield weight, dofs, moments
-
-
-def _directors(inertia: np.ndarray) -> np.ndarray:
+def directors(inertia: np.ndarray) -> np.ndarray:
     """Return ``int rho X X^T dV`` of a tensor of inertia (3, 3)."""
     return 0.5 * np.trace(inertia) * np.eye(3) - inertia
 
 
-def _of_directors(inertia: np.ndarray) -> np.ndarray:
+def of_directors(inertia: np.ndarray) -> np.ndarray:
     """Return the moments of nodes (n, 3, 3, 6, 6) with an inertia of their directors (n, 3, 3)."""
     gradient = at_rest()[3:N_FRAME, :6].reshape(3, 3, 6).swapaxes(0, 1)
     return np.einsum("iak,nab,jbl->nijkl", gradient, inertia, gradient, optimize=True)

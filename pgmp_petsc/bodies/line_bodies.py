@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene
 
 AnyShape = TypeVar("AnyShape")

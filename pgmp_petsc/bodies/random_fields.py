@@ -2,18 +2,36 @@
 
     E(x) = E (1 + v sum_k sqrt(lambda_k) phi_k(x) xi_k)
 
-with the coefficient of variation v and the expansion of `karhunen_loeve`. The parameters xi_k are bounded, so that
+with the coefficient of variation v and the expansion below. The parameters xi_k are bounded, so that
 ``1 - v sum_k |sqrt(lambda_k) phi_k(x)| max |xi_k|`` is the least factor that any sample can have anywhere.
+
+Karhunen-Loeve expansion of a random field on the cells of a mesh.
+
+A field of mean 0 and variance 1 with the correlation ``C(x, y) = c(|x - y|)`` is
+
+    g(x) = sum_k sqrt(lambda_k) phi_k(x) xi_k,        int C(x, y) phi_k(y) dy = lambda_k phi_k(x),
+
+with uncorrelated xi_k of variance 1 and ``int phi_k^2 = 1`` (Ghanem and Spanos 1991, ch. 2). With one value a cell, at
+its middle, and the cells' volumes w as integration weights (Nystrom's method) it is the symmetric eigenproblem of
+``B = W^1/2 C W^1/2``. B is factored as ``B ~ L L^T`` by pivoted Cholesky (Harbrecht, Peters and Schneider 2012), which
+knows how much of the trace is left out, so that the eigenvectors are those of the small ``L^T L``. The trace is the
+body's volume: ``lambda_k`` over it is the share of the variance that term k keeps.
+
+Kernels are those of Rasmussen and Williams (2006, ch. 4), with r over the correlation length l:
+
+    exponential  exp(-r/l)      squared_exponential  exp(-(r/l)^2 / 2)
+    matern       2^(1-s) / Gamma(s) z^s K_s(z),  z = sqrt(2 s) r/l,  with the smoothness s; s = 1/2 is exponential
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.karhunen_loeve import Expansion, expansion
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -117,3 +135,109 @@ def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:
 def _sizes(mesh: LineMesh | SolidMesh) -> np.ndarray:
     """Return the largest extents of the cells along an axis, m."""
     return np.ptp(mesh.nodes[mesh.cells], axis=1).max(axis=1)
+
+
+LEFT_OUT = 1e-12  # of the trace: below, round-off decides
+NUMBERS = 40_000_000  # of a factor: 320 MB
+OVERSAMPLING = 100  # columns of a factor beside the wanted terms, at least
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """The first terms of an expansion.
+
+    Attributes
+    ----------
+    functions
+        ``sqrt(lambda_k) phi_k`` in the cells, shape (n_terms, n_cells).
+    shares
+        Of the variance over the body that each term keeps, shape (n_terms,).
+    """
+
+    functions: np.ndarray
+    shares: np.ndarray
+
+    @property
+    def kept(self) -> float:
+        """Share of the variance over the body that all terms keep."""
+        return float(self.shares.sum())
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Deviation of the truncated field in the cells, shape (n_cells,); that of the whole one is 1."""
+        return np.sqrt(np.sum(self.functions**2, axis=0))
+
+
+def correlation(kernel: str, distances: np.ndarray, smoothness: float = 0.5) -> np.ndarray:
+    """Return the correlation at distances over the correlation length, of any shape; see the module."""
+    if kernel == "exponential":
+        return np.exp(-distances)
+    if kernel == "squared_exponential":
+        return np.exp(-0.5 * distances**2)
+    from scipy.special import gamma, kv
+
+    z = np.sqrt(2.0 * smoothness) * distances
+    apart = z > 1e-10  # nearer, the correlation is 1 to round-off, and K_s is infinite
+    found = np.ones_like(z)
+    found[apart] = 2.0 ** (1.0 - smoothness) / gamma(smoothness) * z[apart] ** smoothness * kv(smoothness, z[apart])
+    return found
+
+
+def expansion(
+    places: np.ndarray, volumes: np.ndarray, kernel: str, length: float, smoothness: float, n_terms: int
+) -> Expansion:
+    """Expand a field of variance 1 over cells.
+
+    Parameters
+    ----------
+    places
+        Middles of the cells, shape (n_cells, d), m.
+    volumes
+        Of the cells, shape (n_cells,), m to the dimension of the cells.
+    kernel, length, smoothness
+        Name of the kernel, correlation length (m) and smoothness; see the module.
+    n_terms
+        Number of terms, at most n_cells.
+    """
+    places, volumes = np.ascontiguousarray(places, dtype=float), np.ascontiguousarray(volumes, dtype=float)
+    return _expansion(places.tobytes(), volumes.tobytes(), places.shape[1], kernel, length, smoothness, n_terms)
+
+
+@lru_cache(maxsize=16)  # every model of a body asks for the same one
+def _expansion(
+    places: bytes, volumes: bytes, d: int, kernel: str, length: float, smoothness: float, n_terms: int
+) -> Expansion:
+    at, weights = np.frombuffer(places).reshape(-1, d), np.frombuffer(volumes)
+    roots = np.sqrt(weights)
+
+    def column(k: int) -> np.ndarray:
+        distances = np.linalg.norm(at - at[k], axis=1) / length
+        return roots * roots[k] * correlation(kernel, distances, smoothness)
+
+    factor = _pivoted_cholesky(column, weights, max(n_terms + OVERSAMPLING, NUMBERS // weights.size))
+    values, vectors = np.linalg.eigh(factor.T @ factor)
+    functions = ((factor @ vectors[:, ::-1][:, :n_terms]) / roots[:, None]).T
+    shares = np.maximum(values[::-1][:n_terms], 0.0) / weights.sum()
+    return Expansion(_signed(functions), shares)
+
+
+def _pivoted_cholesky(column: Callable[[int], np.ndarray], diagonal: np.ndarray, most: int) -> np.ndarray:
+    """Return L of ``B ~ L L^T`` with the columns that B's largest remaining diagonal entries name, shape (n, m)."""
+    rest, trace = diagonal.copy(), float(diagonal.sum())
+    found = np.empty((min(most, diagonal.size), diagonal.size))
+    for m in range(len(found)):
+        if rest.sum() <= LEFT_OUT * trace:
+            return found[:m].T.copy()
+        pivot = int(np.argmax(rest))
+        found[m] = (column(pivot) - found[:m].T @ found[:m, pivot]) / np.sqrt(rest[pivot])
+        rest = np.maximum(rest - found[m] ** 2, 0.0)
+        rest[pivot] = 0.0
+    return found.T.copy()
+
+
+def _signed(functions: np.ndarray) -> np.ndarray:
+    """Return functions (n_terms, n_cells) positive at the first cell where they are large: round-off must not choose
+    the sign of one that is as large on both sides."""
+    large = np.abs(functions) > 0.5 * np.abs(functions).max(axis=1, keepdims=True)
+    first = functions[np.arange(len(functions)), np.argmax(large, axis=1)]
+    return functions * np.where(first < 0.0, -1.0, 1.0)[:, None]

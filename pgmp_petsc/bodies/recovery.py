@@ -17,7 +17,8 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.compiled import njit
 
 if TYPE_CHECKING:
-    from pgmp_petsc.bodies.body import Body
+    from pgmp_petsc.bodies.kinds.beam import Beam
+    from pgmp_petsc.mesh.line_mesh import LineMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +36,19 @@ class Recovery:
         Whether the shapes hold the body's static answers to its own inertia forces, as stress outputs ask for.
     """
 
-    carrier: SolidMesh | Body
+    carrier: SolidMesh | Beam
     shapes: np.ndarray
     answered: bool = True
 
     @property
+    def mesh(self) -> SolidMesh | LineMesh:
+        """The mesh of the carrier."""
+        return self.carrier if isinstance(self.carrier, SolidMesh) else self.carrier.mesh
+
+    @property
     def by_node(self) -> np.ndarray:
         """The shapes as (n_nodes, n_of_a_node, n)."""
-        mesh = self.carrier if isinstance(self.carrier, SolidMesh) else self.carrier.mesh
-        return self.shapes.reshape(mesh.n_nodes, -1, self.shapes.shape[1])
+        return self.shapes.reshape(self.mesh.n_nodes, -1, self.shapes.shape[1])
 
 
 def products(left: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -21,8 +21,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
-from pgmp_petsc.bodies.section_scale import SectionScale
+from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles, SectionScale
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 

@@ -65,6 +65,11 @@ class SolidStrains:
         return self.material.size
 
     @property
+    def width(self) -> int:
+        """Numbers that an instant takes while strains are evaluated."""
+        return self.cells.size * self.gradients.shape[1] * 9
+
+    @property
     def n_strains(self) -> int:
         """Number of components of a strain."""
         return len(COMPONENTS[self.mesh.dimension])

@@ -22,7 +22,7 @@ import numpy as np
 from pgmp_petsc.bodies.component import Component, rigid_component
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
-from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
+from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
 from pgmp_petsc.components.component_modes import condense, in_floating_frame, own_nodes
 from pgmp_petsc.components.large_deformation import with_second_order
@@ -88,7 +88,7 @@ def condensed(
         On all ranks, whichever rank met it.
     """
     done = dict(shapes) | dict({} if finished is None else finished.components)
-    waiting = [name for name, shape in done.items() if isinstance(shape, ContinuumShape)]
+    waiting = [name for name, shape in done.items() if to_condense(shape)]
     found = {}
     wanted = scene.second_order if large is None else large
     own, stressed, timings = waiting[group.index :: group.count], stressed_bodies(scene), timings or Timings()
@@ -123,7 +123,7 @@ def condensed(
 
 def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
     """Return a condensed body with what it is in a floating frame."""
-    if not isinstance(shape, Component) or shape.rigid:
+    if not is_condensed(shape, flexible=True):
         return shape
     return replace(shape, floating=in_floating_frame(shape, scene.nominal))
 
@@ -157,7 +157,7 @@ def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> Iterator[R
 
     Collective on ``group.world``.
     """
-    if group.world.size > group.count and all(isinstance(shape, Component) for shape in shapes.values()):
+    if group.world.size > group.count and all(is_condensed(shape) for shape in shapes.values()):
         with RankGroup.split(group.world, 1) as alone:
             yield alone
     else:
@@ -225,7 +225,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
     InputError, RunError
         If the body's frames or materials are not sound, or the factorisation fails.
     """
-    solids = {name: shape for name, shape in shapes.items() if isinstance(shape, ContinuumShape)}
+    solids = {name: shape for name, shape in shapes.items() if to_condense(shape)}
     if not solids:
         return None
     name = max(solids, key=lambda key: solids[key].n_nodes * solids[key].dimension)

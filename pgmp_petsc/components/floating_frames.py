@@ -80,7 +80,7 @@ def floating_shapes(
 
 def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
     points = points_used(scene, body.name)
-    if body.meshed is None:
+    if not body.to_condense:
         return _of_beams(scene, body, points)
     # not the mechanism's own, whose mesh has the cross-section of one sample already
     return _of_solid(scene, framed_solid(scene, body.name, shape))

@@ -6,17 +6,16 @@ the entries of the matrix that its ``positions`` stand for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
-from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.body import Body, element_dofs
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.dynamics.full_damping import BodyDampings
 from pgmp_petsc.dynamics.full_elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
@@ -51,6 +50,10 @@ class Share(NamedTuple):
     values: Mapping[str, np.ndarray]
     blocks: SampleBlocks
     damping: BodyDampings
+
+    def blocks_of(self, kernel: str) -> Iterator[tuple[int, Any]]:
+        """Yield what a kernel of elements takes of every body, with the body's number; see `Body.blocks`."""
+        return ((number, block) for number, body in enumerate(self.bodies) for block in body.blocks(kernel))
 
     def touches(self, dofs: np.ndarray) -> np.ndarray:
         """Return which elements with unknowns (n_e, m) have one that is owned."""
@@ -91,17 +94,13 @@ def section_owners(bodies: Sequence[Body]) -> np.ndarray:
     """Return the body of every row of sections, shape (n_sections,): one of each body, and behind these one of each
     element of bodies whose elements have sections of their own."""
     numbers = np.arange(len(bodies))
-    return np.concatenate([numbers, np.repeat(numbers, [_n_own_sections(body) for body in bodies])])
-
-
-def _n_own_sections(body: Body) -> int:
-    return len(body.mesh.cells) if body.is_beam and body.profiles else 0
+    return np.concatenate([numbers, np.repeat(numbers, [body.n_own_sections for body in bodies])])
 
 
 def _sections_of(bodies: Sequence[Body], number: int) -> np.ndarray:
     """Return the rows of sections of a body's elements, shape (n_elements,)."""
-    n, own = len(bodies[number].mesh.cells), _n_own_sections(bodies[number])
-    first = len(bodies) + sum(_n_own_sections(body) for body in bodies[:number])
+    n, own = len(bodies[number].mesh.cells), bodies[number].n_own_sections
+    first = len(bodies) + sum(body.n_own_sections for body in bodies[:number])
     return np.arange(first, first + n) if own else np.full(n, number)
 
 
@@ -117,7 +116,7 @@ def sections(share: Share) -> np.ndarray:
     owners = section_owners(share.bodies)
     table = np.zeros((owners.size, 7, share.blocks.n_samples))
     for number, body in enumerate(share.bodies):
-        if body.is_planar_beam:
+        if body.blocks("beam2d"):
             rows = np.unique(_sections_of(share.bodies, number))
             table[rows, :3], table[rows, 3:5] = (_coefficients(share, body, kind) for kind in ("stiffness", "mass"))
         table[owners == number, 5:] = np.array(share.damping.rayleigh_of(number))[:, None]
@@ -127,12 +126,11 @@ def sections(share: Share) -> np.ndarray:
 def planar_beams(share: Share) -> tuple[Elements, Pattern]:
     """Return the beam elements in the plane."""
     parts = [(np.zeros((0, N_PLANAR), dtype=int), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))]
-    for number, body in enumerate(share.bodies):
-        if body.is_planar_beam:
-            dofs = element_dofs(body.elements)
-            here = share.touches(dofs)
-            own = _sections_of(share.bodies, number)
-            parts.append((dofs[here], body.mesh.lengths[here], body.directions[here], own[here]))
+    for number, beam in share.blocks_of("beam2d"):
+        dofs = element_dofs(beam.elements)
+        here = share.touches(dofs)
+        own = _sections_of(share.bodies, number)
+        parts.append((dofs[here], beam.mesh.lengths[here], beam.directions[here], own[here]))
     dofs, lengths, directions, owners = map(np.concatenate, zip(*parts))
     pattern = dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]
     damped, nowhere = share.damping.any_rayleigh, np.zeros(0, dtype=int)
@@ -143,8 +141,8 @@ def planar_masses(share: Share) -> tuple[Lumps, Pattern]:
     """Return the masses of nodes in the plane."""
     parts = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, share.blocks.n_samples)))]
     for number, body in enumerate(share.bodies):
-        if body.lumps and body.mesh.nodes.shape[1] == 2:
-            dofs, entries = lumped_entries(body)
+        if body.lumps and body.dimension == 2:
+            dofs, entries = body.lumped_entries()
             here = share.owns(dofs)
             parts.append((dofs[here], np.full(here.sum(), number), share.evaluate(entries)[here]))
     dofs, owners, masses = map(np.concatenate, zip(*parts))
@@ -156,14 +154,13 @@ def spatial_beams(share: Share) -> tuple[Beams, Pattern]:
     n = 2 * N_POSE
     parts = [(np.zeros((0, n), dtype=int), np.zeros(0), np.zeros((0, 3, 3)), np.zeros(0, dtype=int))]
     table = np.zeros((section_owners(share.bodies).size, N_SECTION + 3, share.blocks.n_samples))
-    for number, body in enumerate(share.bodies):
-        if body.is_beam and not body.is_planar_beam:
-            dofs = element_dofs(body.elements, N_POSE)
-            here = share.touches(dofs)
-            own = _sections_of(share.bodies, number)
-            parts.append((dofs[here], body.mesh.lengths[here], body.axes[here], own[here]))
-            table[np.unique(own), :N_SECTION] = _coefficients(share, body, "stiffness")
-            table[np.unique(own), N_SECTION:] = _coefficients(share, body, "mass")
+    for number, beam in share.blocks_of("beam3d"):
+        dofs = element_dofs(beam.elements, N_POSE)
+        here = share.touches(dofs)
+        own = _sections_of(share.bodies, number)
+        parts.append((dofs[here], beam.mesh.lengths[here], beam.axes[here], own[here]))
+        table[np.unique(own), :N_SECTION] = _coefficients(share, beam, "stiffness")
+        table[np.unique(own), N_SECTION:] = _coefficients(share, beam, "mass")
     dofs, lengths, axes, owners = map(np.concatenate, zip(*parts))
     low = np.tril_indices(n)
     section = share.blocks.pack(table)
@@ -176,30 +173,18 @@ def spatial_masses(share: Share, unknowns: Unknowns) -> tuple[Masses, Pattern]:
     dofs, owners = [np.zeros((0, N_POSE), dtype=int)], []
     densities = [np.zeros((0, N_VECTORS, N_VECTORS, share.blocks.n_samples))]
     for number, body in enumerate(share.bodies):
-        for node, terms in _masses_of(body) if unknowns.dimension == 3 else ():
+        for node, terms in body.node_masses() if unknowns.dimension == 3 else ():
             own = unknowns.frame(body.first_node + node)[None]
             if share.touches(own)[0]:
                 dofs.append(own)
                 owners.append(number)
-                densities.append(share.evaluate(terms)[None])
+                densities.append(share.evaluate({w: _density(*mass) for w, mass in terms.items()})[None])
     dofs, density = np.concatenate(dofs), np.concatenate(densities)
     vectors = dofs.reshape(-1, N_VECTORS, 3)
     shape = (len(dofs), N_VECTORS, N_VECTORS, 3)
     pattern = np.broadcast_to(vectors[:, :, None], shape), np.broadcast_to(vectors[:, None], shape)
     owners = np.array(owners, dtype=int)
     return Masses(dofs, owners, share.blocks.pack(density), owners[:0], share.owns(dofs[:, 0])), pattern
-
-
-def _masses_of(body: Body) -> list[tuple[int, dict[Monomial, np.ndarray]]]:
-    """Return nodes of a body with masses of their own, and these, (4, 4) by weight."""
-    found = [
-        (node, {weight: _density(lump.mass, lump.inertia * np.eye(3)) for weight, lump in lumps.items()})
-        for node, lumps in body.lumps.items()
-    ]
-    if body.component is not None and body.component.rigid:
-        masses = body.component.mass.items()
-        found.append((0, {w: _density(float(np.trace(m[:3, :3])) / 3.0, m[3:, 3:]) for w, m in masses}))
-    return found
 
 
 def _density(mass: float, inertia: np.ndarray) -> np.ndarray:
@@ -213,16 +198,16 @@ def _density(mass: float, inertia: np.ndarray) -> np.ndarray:
 def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
     """Return the continuum elements, material by material."""
     found, moduli, constants, rayleigh = [], [], [], []
-    for number, body in enumerate(share.bodies):
-        for region in body.meshed.solid.regions if body.meshed is not None else ():
-            mesh = body.meshed.solid.mesh
+    for number, solid in share.blocks_of("cells"):
+        for region in solid.regions:
+            mesh, body = solid.mesh, share.bodies[number]
             cells, rule = mesh.cells[region.cells], reference_element(mesh.kind)
             dofs = body.first_internal + dimension * cells[:, :, None] + np.arange(dimension)
             here = share.touches(dofs.reshape(len(dofs), -1))
             places = mesh.nodes[cells[here]]
             geometry = Geometry.of(places, rule.stiffness)
             mass = elasticity.mass(elasticity.volumes_of(places, rule.mass), rule.mass)
-            own = _of_cells(share, body.meshed.solid, region)
+            own = _of_cells(share, solid, region)
             rows = len(moduli) + (np.arange(len(cells)) if len(own) > 1 else np.zeros(len(cells), dtype=int))
             owner = rows[here], np.full(here.sum(), number)
             found.append((dofs[here], geometry.gradients.swapaxes(2, 3), geometry.volumes, mass, *owner))
@@ -272,16 +257,15 @@ def floating_bodies(
     d, n_samples = unknowns.dimension, share.blocks.n_samples
     firsts, numbers, dofs, tables = [np.zeros(3, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
     rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
-    for number, body in enumerate(share.bodies):
-        own = np.zeros((1, 0), dtype=int)
-        if body.floating is not None:
-            frame = unknowns.frame(body.first_node + body.n_nodes - 1)
-            own = np.concatenate([frame, body.first_internal + np.arange(body.floating.n)])[None]
+    for number, floating in share.blocks_of("floating"):
+        body = share.bodies[number]
+        frame = unknowns.frame(body.first_node + body.n_nodes - 1)
+        own = np.concatenate([frame, body.first_internal + np.arange(floating.n)])[None]
         if not share.touches(own)[0]:
             continue
-        moments, stiffness = share.evaluate(body.floating.moments), share.evaluate(body.floating.stiffness)
-        curved = share.evaluate(body.floating.curved) if body.floating.curved else np.zeros((0, n_samples))
-        braking = np.repeat(share.damping.of_amplitudes(number, body.floating.n)[:, None], n_samples, axis=1)
+        moments, stiffness = share.evaluate(floating.moments), share.evaluate(floating.stiffness)
+        curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, n_samples))
+        braking = np.repeat(share.damping.of_amplitudes(number, floating.n)[:, None], n_samples, axis=1)
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])

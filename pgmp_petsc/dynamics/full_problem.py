@@ -132,7 +132,7 @@ class FullEquations:
         self.chosen = _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
         loads = self._loads_of(effects)
-        falling = [e for e in effects if isinstance(e, Weights) and any(body.floating for body in unknowns.bodies)]
+        falling = [e for e in effects if isinstance(e, Weights) and any(body.n_amplitudes for body in unknowns.bodies)]
         gravity = list(enumerate(falling, len(loads)))
         by_name = {effect.name: effect for effect in effects}
         self.loads = [*(by_name[load.effect] for load in loads), *falling]
@@ -238,10 +238,7 @@ class FullEquations:
         levels = np.full(n, MESH)
         frames = self.unknowns.frames(levels)
         for body in self.unknowns.bodies:
-            if body.meshed is not None or body.floating is not None:
-                frames[body.nodes] = FRAMES
-                if body.floating is not None:
-                    frames[body.nodes.stop - 1] = MESH
+            frames[body.tied_nodes] = FRAMES
         levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
         return WholeLayout(analyse(whole, levels), self.n_dofs)
 

@@ -231,7 +231,7 @@ def modal_damping(
     for effect in effects:
         if isinstance(effect, BodiesDamping):
             for number, damping in effect.of_body.items():
-                if any(damping.ratios) and bodies[number].floating is None:
+                if any(damping.ratios) and not bodies[number].n_amplitudes:
                     found.append(_of_body(effect.name, number, bodies[number], damping.ratios, nominal))
     return tuple(found)
 
@@ -251,18 +251,17 @@ def amplitude_damping(
     for effect in effects:
         if isinstance(effect, BodiesDamping):
             for number, damping in effect.of_body.items():
-                floating, n = bodies[number].floating, len(damping.ratios)
-                if floating is None or not any(damping.ratios):
-                    continue
-                if n > floating.n:
-                    raise InputError(
-                        f"effects.{effect.name}.ratios: {n} modes of {bodies[number].name} are asked for; it has "
-                        f"{floating.n} component modes; take more reduction.modes"
-                    )
-                mass, stiffness = floating.modal(nominal)
-                coefficients = np.zeros(floating.n)
-                coefficients[:n] = 2.0 * np.array(damping.ratios) * np.sqrt(stiffness * mass)[:n]
-                found[number] = effect.name, coefficients
+                n = len(damping.ratios)
+                for floating in bodies[number].blocks("floating") if any(damping.ratios) else ():
+                    if n > floating.n:
+                        raise InputError(
+                            f"effects.{effect.name}.ratios: {n} modes of {bodies[number].name} are asked for; it has "
+                            f"{floating.n} component modes; take more reduction.modes"
+                        )
+                    mass, stiffness = floating.modal(nominal)
+                    coefficients = np.zeros(floating.n)
+                    coefficients[:n] = 2.0 * np.array(damping.ratios) * np.sqrt(stiffness * mass)[:n]
+                    found[number] = effect.name, coefficients
     return found
 
 
@@ -271,15 +270,15 @@ def _of_body(
 ) -> ModalDamping:
     omega, phi, mass = free_modes(body, nominal, len(ratios), f"effects.{effect}.ratios")
     factor = mass @ phi * np.sqrt(2.0 * np.array(ratios) * omega)
-    if body.meshed is not None:
-        places = body.meshed.solid.mesh.nodes
+    places = body.points
+    if len(places):
         d = places.shape[1]
         along = mass[::d, ::d]
         centre = np.asarray(along.sum(axis=0)) @ places / along.sum()
-        return ModalDamping(effect, number, own_unknowns(body), factor, along @ (places - centre))
+        return ModalDamping(effect, number, body.own_dofs, factor, along @ (places - centre))
     of_nodes = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs, None]
     shares = of_nodes / of_nodes.sum()
-    own = own_unknowns(body)
+    own = body.own_dofs
     if body.node_dofs == SPATIAL.n_dofs:
         own = np.arange(*(SPATIAL.n_pose * node for node in (body.nodes.start, body.nodes.stop)))
     return ModalDamping(effect, number, own, factor, shares)
@@ -309,7 +308,7 @@ def free_modes(
     omega
         Angular frequencies, shape (n_modes,), rad/s.
     phi
-        M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `own_unknowns`.
+        M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `Body.own_dofs`.
     mass
         M, shape (n_own, n_own).
 
@@ -319,7 +318,7 @@ def free_modes(
         If the mesh has fewer modes.
     """
     alone = body.alone()
-    own = own_unknowns(alone)
+    own = alone.own_dofs
     n_dofs, n_rigid = own.size, alone.node_dofs  # as many rigid motions as a node has unknowns
     if n_modes > n_dofs - n_rigid:
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
@@ -337,7 +336,3 @@ def free_modes(
         squares, vectors = squares[order], vectors[:, order]
     return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:], mass
 
-
-def own_unknowns(body: Body) -> np.ndarray:
-    """Return the unknowns of a body that have mass and stiffness, shape (n_own,)."""
-    return body.dofs if body.meshed is None else body.dofs[body.node_dofs * body.n_nodes :]

@@ -27,7 +27,7 @@ from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, on_mesh
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import apart_problems, load_problems
@@ -255,8 +255,7 @@ class Weights(Effect):
         self._field = np.zeros(mechanism.n_dofs)
         mechanism.by_node(self._field)[:, : direction.size] = direction * self.acceleration.coefficient
         for body in mechanism.bodies:
-            if body.meshed is not None:
-                on_mesh(body, self._field)[:] = direction * self.acceleration.coefficient
+            body.at_points(self._field)[:] = direction * self.acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
@@ -274,7 +273,6 @@ class Weights(Effect):
             for weight, axis in product(sorted(body.translational_weights), range(self._mechanism.space.dimension)):
                 field = np.zeros_like(self._field)
                 self._mechanism.by_node(field)[body.nodes, axis] = 1.0
-                if body.meshed is not None:
-                    on_mesh(body, field)[:, axis] = 1.0
+                body.at_points(field)[:, axis] = 1.0
                 vectors.append(matrices.mass[weight] @ field)
         return vectors

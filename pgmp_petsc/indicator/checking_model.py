@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.shape import in_floating_frame
 from pgmp_petsc.dynamics.full_systems import FullBatch
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.indicator.sampled_load import SampledMotion, sampled_effects
@@ -48,14 +48,12 @@ class CheckingModel:
     """
 
     def __init__(self, model: ReducedModel) -> None:
-        scene, shapes = model.scene, {}
-        for name, shape in model.meshes.items():
-            shapes[name] = shape.floating if isinstance(shape, Component) and not shape.rigid else shape
+        scene, shapes = model.scene, {name: in_floating_frame(shape) for name, shape in model.meshes.items()}
         self.full = ComponentModel(scene, shapes, model.kinematics)
         mechanism = self.full.kinematics.mechanism
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         rom = model.rom
-        if any(body.floating is not None for body in mechanism.bodies):
+        if any(body.n_amplitudes for body in mechanism.bodies):
             rom = _in_floating_frames(rom, model.kinematics.mechanism, mechanism)
         self.rotations = _rotations(rom.projection, mechanism)
         scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
@@ -117,11 +115,7 @@ def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechan
     def moved(vectors: np.ndarray) -> np.ndarray:
         found = np.zeros((len(vectors), full.n_dofs, vectors.shape[2]))
         for body, other in zip(reduced.bodies, full.bodies):
-            own = vectors[:, body.dofs]
-            if other.floating is not None:
-                of_frames = own[:, : body.component.n_frame_dofs]
-                own = np.concatenate([of_frames, other.floating.parts @ own], axis=1)
-            found[:, other.dofs] = own
+            found[:, other.dofs] = other.in_frame(vectors[:, body.dofs], body.node_dofs * body.n_nodes)
         return found
 
     curvature = None if rom.curvature is None else moved(rom.curvature)

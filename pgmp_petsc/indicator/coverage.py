@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
@@ -195,7 +195,7 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> tuple[Remark, ..
     """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
     scene, found = model.scene, []
     for name, shape in model.meshes.items():
-        if not isinstance(shape, Component) or shape.floating is None or shape.floating.curved:
+        if not lacks_foreshortening(shape):
             continue
         why = "it was built with simulation.error_indicator = false, or it is not slender"
         if scene.bodies[name].section_scale is not None:

@@ -115,7 +115,7 @@ def price_of_evaluation(mechanism: Mechanism) -> float:
     price = 0.0
     for body in mechanism.bodies:
         n = mechanism.space.n_pose * body.n_nodes + body.n_internal
-        price += OF_BEAM * n if body.component is None or body.component.rigid else OF_PAIR * n**2
+        price += OF_PAIR * n**2 if body.dense else OF_BEAM * n
     return price
 
 

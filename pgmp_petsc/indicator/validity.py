@@ -159,11 +159,9 @@ class BodyStrains:
         self._half_heights = {
             body.name: np.reshape(np.asarray(half_height(scene, body.name, values), dtype=float), -1)
             for body in self._flexible
-            if body.is_beam
+            if body.fibred
         }
-        self._longer = {
-            body.name: np.reshape(length_share(scene, body.name, values), -1) for body in self._flexible if body.is_beam
-        }
+        self._longer = {name: np.reshape(length_share(scene, name, values), -1) for name in self._half_heights}
 
     def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
@@ -176,13 +174,13 @@ class BodyStrains:
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
-            if body.is_beam and not self._spatial:
+            if body.name in self._half_heights and not self._spatial:
                 strain = np.fmax(strain, self._of_planar_beam(body, local, rotation))
                 continue
             moved = local[:, body.nodes]
             turned = np.linalg.norm(moved[..., 3:], axis=2) if self._spatial else np.abs(moved[..., 2])
             rotation = np.maximum(rotation, np.max(turned, axis=1))
-            if body.is_beam:
+            if body.name in self._half_heights:
                 strain = np.fmax(strain, self._of_spatial_beam(body, moved))
         return rotation, strain
 

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 from pgmp_petsc.mechanism.statements import Statement
 
@@ -111,8 +111,7 @@ def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray
     nodal = mechanism.by_node(turned)
     for body, rotation in zip(mechanism.bodies, rotations):
         nodal[body.nodes] = np.einsum("ij,njk->nik", rotation, nodal[body.nodes])
-        if body.meshed is not None:
-            on_mesh(body, turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], on_mesh(body, turned))
+        body.at_points(turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], body.at_points(turned))
     return turned.reshape(shape)
 
 

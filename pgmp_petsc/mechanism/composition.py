@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.beam3d import section_axes
-from pgmp_petsc.bodies.body import Body, LumpedMass, joined
-from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line
-from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.sections.section import BeamSection
+from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection, share_position, triad, weld
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.schema import Scene
@@ -40,33 +30,14 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
     InputError
         If a point mass is at a point that its body's mesh does not have.
     """
-    bodies: dict[str, Body] = {}
-    for name, entry in scene.bodies.items():
-        if isinstance(meshes[name], FloatingBody):
-            bodies[name] = Body.in_floating_frame(name, meshes[name])
-            continue
-        if entry.continuum:
-            bodies[name] = _continuum(scene, name, meshes[name])
-            continue
-        if entry.element == "beam3d":
-            bodies[name] = _beam_in_space(scene, name, meshes[name])
-            continue
-        section = BeamSection.of(scene, name)
-        if entry.flexible:
-            bodies[name] = Body.beam(name, meshes[name], section, profiles_of(scene, name, meshes[name]))
-        else:
-            bodies[name] = Body.rigid(name, meshes[name], section)
+    bodies = {name: body_of(scene, name, meshes[name]) for name in scene.bodies}
     for name, effect in scene.effects.items():
         if isinstance(effect, AddedMass):
             owner, _, point = effect.point.partition(":")
             node = bodies[owner].shape.point(point, f"effects.{name}.point")
-            lumps = _lumps(effect)
-            if bodies[owner].flexible:
-                bodies[owner] = bodies[owner].with_lumps(node, lumps)
-            else:
-                bodies[owner], lent = bodies[owner].lend_inertia()
-                particle = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
-                bodies[_welded(name)] = particle.with_lumps(0, lent)
+            bodies[owner], particle = bodies[owner].carrying(node, _lumps(effect), _welded(name))
+            if particle is not None:
+                bodies[particle.name] = particle
     numbered, first_node = [], 0
     first_internal = sum(body.node_dofs * body.n_nodes for body in bodies.values())
     for body in bodies.values():
@@ -74,41 +45,6 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
         first_node += body.n_nodes
         first_internal += body.n_internal
     return tuple(numbered)
-
-
-def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
-    """Return a body of beams in space, flexible or rigid.
-
-    Raises
-    ------
-    InputError
-        If the orientation of its section is parallel to one of its elements.
-    """
-    entry = scene.bodies[name]
-    edges = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]
-    axes = section_axes(edges, None if entry.orientation is None else np.array(entry.orientation))
-    parallel = np.flatnonzero(np.isnan(axes).any(axis=(1, 2)))
-    if parallel.size:
-        raise InputError(
-            f"bodies.{name}.orientation = {list(entry.orientation)}: parallel to element {parallel[0]} of the body, "
-            f"along {(edges[parallel[0]] / np.linalg.norm(edges[parallel[0]])).round(6).tolist()} in its frame; "
-            "needed: orientation = [x, y, z], a direction across all elements, that of the section's height"
-        )
-    section = BeamSection.of(scene, name)
-    if entry.flexible:
-        profiles, lever = profiles_of(scene, name, mesh), section.lever(scene.nominal)
-        return Body.beam_in_space(name, mesh, section, axes, profiles, lever)
-    return replace(Body.condensed(name, rigid_line(name, mesh, section, axes)), shape=mesh)
-
-
-def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:
-    """Return a continuum body from its mesh, or condensed."""
-    if isinstance(shape, Component):
-        return Body.condensed(name, shape)
-    meshed = framed_solid(scene, name, shape).at(scene.values)
-    if not scene.bodies[name].flexible:
-        return Body.condensed(name, rigid_component(meshed))
-    return Body.continuum(name, meshed)
 
 
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:

@@ -69,9 +69,9 @@ def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequen
 def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
     """Yield the constraints between the frames of each meshed body and its mesh: the same at every configuration."""
     for body in mechanism.bodies:
-        if body.meshed is not None:
-            solid = body.meshed.solid
-            means = sp.vstack([frame.functionals(solid.mesh.n_nodes) for frame in body.meshed.frames.values()]).tocoo()
+        if body.face_frames:
+            n_points = len(body.points)
+            means = sp.vstack([frame.functionals(n_points) for frame in body.face_frames.values()]).tocoo()
             n = means.shape[0]
             nodal = body.dofs[:n]
             rows = np.concatenate([np.arange(n), means.row])

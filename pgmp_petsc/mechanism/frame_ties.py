@@ -167,10 +167,9 @@ def _faces_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, Face
     """Yield, frame by frame, its unknowns (m,), those of the positions of its faces' nodes (n, d), and the faces."""
     d = unknowns.dimension
     for body in unknowns.bodies:
-        if body.meshed is not None:
-            for number, faces in enumerate(body.meshed.frames.values()):
-                positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)
-                yield unknowns.frame(body.first_node + number), positions, faces
+        for number, faces in enumerate(body.face_frames.values()):
+            positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)
+            yield unknowns.frame(body.first_node + number), positions, faces
 
 
 class _Held(NamedTuple):
@@ -231,10 +230,9 @@ class _Held(NamedTuple):
 
 def _held_by_floating(unknowns: Unknowns) -> Iterator[_Held]:
     for body in unknowns.bodies:
-        if body.floating is not None:
+        for floating in body.blocks("floating"):
             last = body.first_node + body.n_nodes - 1
-            amplitudes = body.first_internal + np.arange(body.floating.n)
-            floating = body.floating
+            amplitudes = body.first_internal + np.arange(floating.n)
             for number, parts in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
                 yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, *parts)
 

@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.joints import Connection, orthonormality
-from pgmp_petsc.mechanism.space import SPATIAL, Space, at_nodes, at_points, rotate, space_of
+from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
@@ -49,34 +49,8 @@ def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray)
     frames = q[: space.n_pose * n_nodes].reshape(n_nodes, space.n_pose, *poses.shape[2:])
     for body, pose in zip(bodies, poses):
         frames[body.nodes] = space.place(pose, body.mesh.nodes)
-        if body.meshed is not None:
-            on_mesh(body, q)[:] = space.place(pose, body.meshed.solid.mesh.nodes)[:, : space.dimension]
+        body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
     return q
-
-
-def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """View what vectors (n_dofs, ...) have at the nodes of a continuum body's mesh, shape (n, d, ...)."""
-    mesh = body.meshed.solid.mesh
-    return vectors[body.internal].reshape(mesh.n_nodes, mesh.dimension, *vectors.shape[1:])
-
-
-def linear_fields(body: Body) -> np.ndarray:
-    """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
-
-    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
-    nodes. The sections of beams in space turn with their fibres.
-    """
-    if body.component is not None:
-        return body.component.fields
-    d = body.mesh.nodes.shape[1]
-    unit = np.eye(d + d * d)
-    nodal = at_nodes(unit, body.mesh.nodes)
-    if body.axes is not None:
-        nodal[:, d:, d:] = body.section_turns()
-    parts = [nodal.reshape(-1, d + d * d)]
-    if body.meshed is not None:
-        parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
-    return np.concatenate(parts)
 
 
 def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -138,8 +112,8 @@ class Mechanism:
 
     @cached_property
     def linear_fields(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Unknowns and linear displacement fields (`linear_fields`) of every body."""
-        return tuple((body.dofs, linear_fields(body)) for body in self.bodies)
+        """Unknowns and linear displacement fields of every body."""
+        return tuple((body.dofs, body.linear_fields()) for body in self.bodies)
 
     def connection(self, name: str) -> Connection:
         """Return the connection of the joint with this name."""
@@ -222,8 +196,7 @@ class Mechanism:
         for body, pose, rate in zip(self.bodies, poses, rates):
             nodal[body.nodes, :2] = _point_rates(pose, rate, body.mesh.nodes)
             nodal[body.nodes, 2] = rate[2]
-            if body.meshed is not None:
-                on_mesh(body, result)[:] = _point_rates(pose, rate, body.meshed.solid.mesh.nodes)
+            body.at_points(result)[:] = _point_rates(pose, rate, body.points)
         return result
 
     def made_of(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> bool:

@@ -18,7 +18,6 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.bodies.inertia_moments import TURNS
 from pgmp_petsc.mechanism.statements import Statement
 
 
@@ -274,34 +273,6 @@ def turning_of_second_order(columns: np.ndarray) -> np.ndarray:
     matrices (..., 3, 3): their symmetric part less their trace."""
     trace = np.trace(columns, axis1=-2, axis2=-1)[..., None, None]
     return 0.5 * (columns + np.swapaxes(columns, -1, -2)) - trace * np.eye(3)
-
-
-def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return what a linear field does to frames at points: displacements and rotations.
-
-    Parameters
-    ----------
-    coefficients
-        Shape (d + d^2, ...).
-    points
-        Shape (n, d), m.
-
-    Returns
-    -------
-    ndarray, shape (n, n_dofs, ...)
-    """
-    d = points.shape[1]
-    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
-    turn = [0.5 * (gradient[j, i] - gradient[i, j]) for i, j in TURNS[d]]
-    moved = at_points(coefficients, points)
-    return np.concatenate([moved, np.broadcast_to(np.array(turn), (len(points), len(turn), *moved.shape[2:]))], axis=1)
-
-
-def at_points(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return a linear field at points (n, d), shape (n, d, ...)."""
-    d = points.shape[1]
-    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
-    return coefficients[:d] + np.einsum("nj,ij...->ni...", points, gradient)
 
 
 PLANE, SPATIAL = Plane(), Spatial()

@@ -2,6 +2,8 @@
 
 Whatever meshio reads is accepted. A point is named by a physical group of dimension
 0 (gmsh) or by a node set (Abaqus and others) that holds exactly one node.
+
+Straight lines of equal cells, for bodies that need no mesh file.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, Counted, read_mesh, usable
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class LineMesh:
+class LineMesh(Counted):
     """Two-node line cells.
 
     Parameters
@@ -41,15 +43,7 @@ class LineMesh:
     points: dict[str, int] = field(default_factory=dict)
     groups: dict[str, int] = field(default_factory=dict)
 
-    @property
-    def n_nodes(self) -> int:
-        """Number of nodes."""
-        return len(self.nodes)
-
-    @property
-    def n_cells(self) -> int:
-        """Number of cells."""
-        return len(self.cells)
+    kind = "line"  # meshio's name of the cells
 
     @cached_property
     def lengths(self) -> np.ndarray:
@@ -210,3 +204,14 @@ def _check_cells(mesh: LineMesh, file_cells: np.ndarray, received: str) -> None:
             f"{received}: the line cells form {n_pieces} separate pieces; a body is one connected piece "
             "(nodes at the same place must be merged)"
         )
+
+
+def straight_beam(length: float, n_cells: int, start: float = 0.0, dimension: int = 2) -> LineMesh:
+    """Return a line along the x axis from `start` (m) on, with the points hinge, middle (where a node is) and tip."""
+    nodes = np.zeros((n_cells + 1, dimension))
+    nodes[:, 0] = np.linspace(start, start + length, n_cells + 1)
+    cells = np.column_stack([np.arange(n_cells), np.arange(1, n_cells + 1)])
+    points = {"hinge": 0, "tip": n_cells}
+    if n_cells % 2 == 0:
+        points["middle"] = n_cells // 2
+    return LineMesh(nodes, cells, points)

@@ -14,6 +14,15 @@ Harwell-Boeing files of real, assembled matrices, as Ansys' HBMAT writes them.
 
 Duff, Grimes and Lewis, ACM Trans. Math. Softw. 15, 1989. SciPy's reader takes neither symmetric ones nor right-hand
 sides, which are passed over here.
+
+Which node and direction a row of a matrix is of: from the matrix' own file, from a list beside it, or by counting.
+
+Rows that no file tells of are taken node after node in the order of the nodes' file, x, y (and z) of each.
+
+Nodes of a body that is given by matrices: their places, their numbers in the file, and sets of them.
+
+A mesh file has cells as well, as a rule. Where they are of one kind that bodies may be meshed with, groups are faces of
+them and are weighted by area; otherwise groups are sets of nodes that count alike.
 """
 
 from __future__ import annotations
@@ -27,12 +36,15 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.mesh.reading import MAX_REASON, check_file
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.mesh.abaqus import read_abaqus_nodes
+from pgmp_petsc.mesh.reading import MAX_REASON, check_file, read_mesh, usable
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, coordinates, numbered_as_filed
+from pgmp_petsc.runtime.errors import InputError, shortened
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")
-KINDS = "Matrix Market, npz of SciPy, Harwell-Boeing, and Abaqus' formats MATRIX INPUT, LABELS and COORDINATE"
+FORMATS = "Matrix Market, npz of SciPy, Harwell-Boeing, and Abaqus' formats MATRIX INPUT, LABELS and COORDINATE"
 SPARSEST = 1000  # rows to an entry; a stiffness has several entries to a row
 HEAD = 4096  # bytes that tell the format
 
@@ -68,7 +80,7 @@ def read_matrix(path: Path, received: str) -> MatrixFile:
     InputError
         If there is no such file, it is of another format, damaged, not square, or has entries that are not finite.
     """
-    check_file(path, received, f"a matrix is needed ({KINDS}; paths are relative to the scene's directory)")
+    check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
         found = _read(path, received)
     except InputError:
@@ -106,7 +118,7 @@ def _read(path: Path, received: str) -> MatrixFile:
     if any(line.lstrip().upper().startswith(NASTRAN) for line in data[:20]):
         raise InputError(
             f"{received}: a Nastran file, for which there is no reader here; write its matrices as Matrix Market files "
-            f"(pyNastran reads DMIG and OP4). Taken are {KINDS}"
+            f"(pyNastran reads DMIG and OP4). Taken are {FORMATS}"
         )
     return _from_abaqus([line for line in data if not line.lstrip().startswith("*")], received)
 
@@ -152,7 +164,7 @@ def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
     """Read lines of three or five numbers."""
     count = len(lines[0].replace(",", " ").split()) if lines else 0
     if count not in (3, 5):
-        raise InputError(f"{received}: this file is of no format that is known; {KINDS} are")
+        raise InputError(f"{received}: this file is of no format that is known; {FORMATS} are")
     text = "\n".join(lines).replace(",", " ").upper().replace("D", "E")  # Fortran's exponents
     numbers = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
     places, values = numbers[:, :-1].astype(np.int64), numbers[:, -1]
@@ -235,3 +247,235 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
 def _fields(lines: Sequence[str], width: int) -> list[str]:
     """Return fields of one width, which need no blanks between them."""
     return [line[at : at + width] for line in lines for at in range(0, len(line.rstrip()), width)]
+
+
+DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+SHOWN = 3
+TURNING = (
+    "rotations of nodes; bodies have displacements of nodes alone: write the matrices of solid elements, or mesh the "
+    "body here"
+)
+
+
+def read_rows(path: Path, received: str) -> np.ndarray:
+    """Read lines of a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
+    ``.mapping``; lines that do not begin with a number are passed over.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Node and direction of every row.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, a line is none of the kind, or rows are missing or there twice.
+    """
+    check_file(path, received, "a list of rows is needed (row, node, direction)")
+    found = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+        words = line.replace(",", " ").split()
+        if not words or not words[0].isdecimal():
+            continue
+        direction = DIRECTIONS.get(words[2].upper(), words[2]) if len(words) > 2 else ""
+        if len(words) < 3 or not words[1].isdecimal() or not str(direction).isdecimal():
+            raise InputError(
+                f"{received}: line {number} is '{shortened(line.strip(), 60)}'; a row's number, its node, and its "
+                "direction (1, 2, 3 or UX, UY, UZ) are needed"
+            )
+        if int(words[0]) in found:
+            raise InputError(f"{received}: row {words[0]} is there twice, again in line {number}")
+        found[int(words[0])] = (int(words[1]), int(direction))
+    if not found or sorted(found) != list(range(1, len(found) + 1)):
+        missing = next((n for n in range(1, len(found) + 1) if n not in found), 1)
+        raise InputError(f"{received}: row {missing} is not in it; a line for every row from 1 on is needed")
+    return np.array([found[row] for row in range(1, len(found) + 1)])
+
+
+def in_order_of_nodes(
+    file: MatrixFile, rows: np.ndarray | None, nodes: NodeFile, received: str, of_nodes: str
+) -> sp.coo_matrix:
+    """Return a matrix with its rows node after node, shape (d n_nodes, d n_nodes).
+
+    Parameters
+    ----------
+    file
+        The matrix.
+    rows
+        From `read_rows`; None where there is no such list.
+    nodes
+        All nodes of the body.
+    received, of_nodes
+        The scene's entries of the matrix and of the nodes, and their values.
+
+    Raises
+    ------
+    InputError
+        If the matrix has another size, or rows of nodes that are not there, of internal nodes, or of rotations.
+    """
+    entries, d = file.matrix.tocoo(), nodes.nodes.shape[1]
+    size, wanted = entries.shape[0], d * len(nodes.nodes)
+    rows = file.rows if file.rows is not None else rows
+    if rows is None:
+        if size != wanted:
+            raise InputError(_wrong_size(size, len(nodes.nodes), d, received, of_nodes))
+        return entries
+    if len(rows) != size:
+        raise InputError(f"{received}: it has {size} rows, and the list of rows has {len(rows)}")
+    _check(rows, nodes, d, received, of_nodes)
+    at = d * nodes.places_of(rows[:, 0]) + rows[:, 1] - 1
+    if np.unique(at).size < at.size:
+        node, direction = rows[np.flatnonzero(np.bincount(at)[at] > 1)[0]]
+        raise InputError(f"{received}: node {node}, direction {direction} has two rows")
+    return sp.coo_matrix((entries.data, (at[entries.row], at[entries.col])), shape=(wanted, wanted))
+
+
+def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: str) -> None:
+    """Refuse rows that are not of displacements of the nodes."""
+    internal, turning, across = rows[:, 0] < 1, rows[:, 1] > 3, rows[:, 1] > d
+    if internal.any():
+        raise InputError(
+            f"{received}: {internal.sum()} rows are of internal nodes, such as {rows[internal][0, 0]} (of incompatible "
+            "modes, multipliers or couplings), which have no place; write the matrices without what makes them"
+        )
+    if turning.any():
+        node, direction = rows[turning][0]
+        raise InputError(
+            f"{received}: {turning.sum()} rows, the first of node {node}, direction {direction}, are of {TURNING}"
+        )
+    if across.any() or (rows[:, 1] < 1).any():
+        node, direction = rows[across | (rows[:, 1] < 1)][0]
+        raise InputError(
+            f"{received}: a row of node {node} has the direction {direction}; those of a solid{d}d body are 1 to {d}"
+        )
+    lost = np.unique(rows[nodes.places_of(rows[:, 0]) < 0, 0])
+    if lost.size:
+        raise InputError(
+            f"{received}: it has rows of {lost.size} nodes that {of_nodes} does not hold, the first are "
+            f"{', '.join(map(str, lost[:SHOWN]))}; matrices and nodes must be of the same body"
+        )
+
+
+def _wrong_size(size: int, n_nodes: int, d: int, received: str, of_nodes: str) -> str:
+    """Return what to say of a matrix of another size than the nodes."""
+    text = f"{received}: {size} by {size} entries, but {n_nodes} nodes ({of_nodes}) have {d * n_nodes} displacements"
+    if size in (6 * n_nodes, 3 * n_nodes) and d < 3 or size == 6 * n_nodes:
+        return f"{text}: {size // n_nodes} unknowns a node look like those of space, or like {TURNING}"
+    return f"{text}; matrices and nodes must be of the same body, all of its nodes and no others, without constraints"
+
+
+NEEDED = "a file of nodes is needed: a mesh, .csv with the columns node, x, y(, z), or .npz with the array nodes"
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFile:
+    """Nodes in the order of their file.
+
+    Attributes
+    ----------
+    nodes
+        Shape (n, d), in the file's unit.
+    labels
+        The file's numbers of them, shape (n,).
+    sets
+        Places in `nodes` of the nodes of every set, by name, shape (n_set,).
+    mesh
+        Cells and groups of faces; None where the file has no cells that bodies may be meshed with.
+    """
+
+    nodes: np.ndarray
+    labels: np.ndarray
+    sets: dict[str, np.ndarray]
+    mesh: SolidMesh | None = None
+
+    def places_of(self, labels: np.ndarray) -> np.ndarray:
+        """Return where nodes are by their numbers; -1 for those that are not there."""
+        order = np.argsort(self.labels)
+        at = np.minimum(np.searchsorted(self.labels, labels, sorter=order), len(order) - 1)
+        return np.where(self.labels[order[at]] == labels, order[at], -1)
+
+
+def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
+    """Read nodes.
+
+    Parameters
+    ----------
+    path
+        A mesh, or a file ending in .csv or .npz.
+    dimension
+        2 for nodes in the plane z = 0, or 3.
+    received
+        The scene's entry and its value, with which messages begin.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if its mesh is
+        not sound.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".npz"):
+        return _of_mesh(path, dimension, received)
+    check_file(path, received, NEEDED)
+    with usable(received):
+        points, labels, sets = (_of_table if suffix == ".csv" else _of_arrays)(path, received)
+        nodes = coordinates(points, dimension, received)
+        if np.unique(labels).size < labels.size:
+            again = np.sort(labels)[:-1][np.diff(np.sort(labels)) == 0][0]
+            raise InputError(f"{received}: node {again} is there twice; every node has a number of its own")
+        found = NodeFile(nodes, labels, {})
+        for name, members in sets.items():
+            found.sets[name] = found.places_of(np.asarray(members))
+            if (found.sets[name] < 0).any():
+                lost = np.asarray(members)[found.sets[name] < 0][0]
+                raise InputError(f'{received}: the set "{name}" has node {lost}, which the file does not hold')
+        return found
+
+
+def _of_table(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]:
+    """Read lines of a node's number and coordinates; a line of names may come first."""
+    lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    rows = [re.split(r"[,;\s]+", line.rstrip(",; ")) for line in lines if line and not line.startswith("#")]
+    if rows and not rows[0][0].replace(".", "").isdecimal():
+        rows = rows[1:]
+    if not rows or {len(row) for row in rows} not in ({3}, {4}):
+        raise InputError(f"{received}: lines of a node's number and its two or three coordinates are needed")
+    numbers = np.array(rows, dtype=float)
+    labels = numbers[:, 0].astype(np.int64)
+    if (labels != numbers[:, 0]).any():
+        raise InputError(f"{received}: numbers of nodes must be whole numbers")
+    return numbers[:, 1:], labels, {}
+
+
+def _of_arrays(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]:
+    """Read the array nodes, perhaps labels, and sets: other arrays of whole numbers."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    points = arrays.pop("nodes", None)
+    if points is None or points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
+        raise InputError(f"{received}: the array nodes, of shape (n, 2) or (n, 3), is needed")
+    labels = arrays.pop("labels", np.arange(1, len(points) + 1))
+    if labels.shape != (len(points),) or labels.dtype.kind not in "iu":
+        raise InputError(f"{received}: the array labels must have a whole number for each of the {len(points)} nodes")
+    sets = {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "iu"}
+    return points, labels.astype(np.int64), sets
+
+
+def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
+    check_file(path, received, NEEDED)
+    if path.suffix.lower() == ".inp":
+        with usable(received):
+            mesh, labels = read_abaqus_nodes(path, received)
+    else:
+        mesh = read_mesh(path, received)
+        labels = np.arange(1, len(mesh.points) + 1)
+    with usable(received):
+        complete_physical_groups(mesh, path)
+        if not len(mesh.points):
+            raise InputError(f"{received}: it has no nodes; {NEEDED}")
+        sets = {name: np.unique(members) for name, members in mesh.point_sets.items()}
+        kinds = {block.type for block in mesh.cells if len(block.data) and block.dim == dimension}
+        if len(kinds) == 1 and kinds <= set(KINDS[dimension]):
+            solid = numbered_as_filed(mesh, dimension, received)
+            return NodeFile(solid.nodes, labels, sets, solid)
+        return NodeFile(coordinates(mesh.points, dimension, received), labels, sets)

@@ -15,6 +15,7 @@ from pgmp_petsc.runtime.errors import InputError, PgmpError
 
 if TYPE_CHECKING:
     import meshio
+    import numpy as np
 
 #: Formats whose readers came to an end on 300 files each with bytes changed, deleted, repeated or cut off. Others of
 #: meshio loop for ever on such files (Nastran, OFF, PLY): they are read by a process of their own, with a time limit.
@@ -35,6 +36,23 @@ pickle.dump(found, out)
 RELATIVE_TOLERANCE = 1e-12
 FARTHEST = 1e15  # of a coordinate, in any unit; third powers and more of it are still finite
 MAX_REASON = 200  # characters of meshio's reason
+
+
+class Counted:
+    """A mesh, and how much it has."""
+
+    nodes: np.ndarray
+    cells: np.ndarray
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.nodes)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cells)
 
 
 def read_mesh(path: Path, received: str) -> meshio.Mesh:

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.bodies.stresses import Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet, Values
@@ -75,11 +73,11 @@ class FullFields:
         body, space = self._unknowns.bodies[field.number], self._unknowns.mechanism.space
         if not body.flexible:
             return carried(space, field, body, frames[body.nodes.start])
-        if body.floating is not None:
-            moved = np.tensordot(body.floating.recovery.by_node, q[body.internal], 1)
+        if body.n_amplitudes:
+            moved = body.displacements(q[body.internal])
             places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved[:, : space.dimension])
             return with_stresses(field, places, lambda points: points.of_displacements(moved), values)
-        nodal = on_mesh(body, q) if body.meshed is not None else frames[body.nodes]
+        nodal = body.moving_nodes(q, frames)
         return with_stresses(field, nodal[:, : space.dimension], lambda points: points.of_places(nodal), values)
 
 
@@ -129,12 +127,12 @@ class ReducedFields:
             return carried(space, field, body, self._nodes[name].frames(eta)[0])
         amplitudes = self._amplitudes[name]
         y = amplitudes.of(eta)
-        moved = mesh_displacements(body, y)
+        moved = body.displacements(y)
         places = placed(space, pose, undeformed(field) + moved[:, : space.dimension])
-        curved = amplitudes.curved and body.is_planar_beam
-        unmet = None if missed is None else mesh_displacements(body, missed)
+        curved = amplitudes.curved and body.strains_follow_frames
+        unmet = None if missed is None else body.displacements(missed)
 
-        def strains(points: SolidStrains | BeamStrains) -> np.ndarray:
+        def strains(points: Strains) -> np.ndarray:
             found = strains_of_beams(body, points, y) if curved else points.of_displacements(moved)
             if unmet is None:
                 return found
@@ -167,14 +165,6 @@ def placed(space: Space, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     ``x = p + sum_k d_k X_k``."""
     natural, d = space.natural(pose), points.shape[1]
     return natural[:d] + np.einsum("akn,kcn->acn", points, natural[d:].reshape(d, d, -1))
-
-
-def mesh_displacements(body: Body, y: np.ndarray) -> np.ndarray:
-    """Return the displacements of a body's nodes in its frame (of beams with rotations), shape (n_nodes, n_of_a_node,
-    n), for its unknowns (n_dofs, n)."""
-    if body.is_beam:
-        return y.reshape(body.n_nodes, body.node_dofs, -1)
-    return np.tensordot(body.component.recovery.by_node, y, 1)
 
 
 def instants_at_once(seen: FieldSet) -> int:

@@ -8,25 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.outputs.stress import (
-    EXTREMES,
-    FURTHEST,
-    BeamLaw,
-    SolidLaw,
-    all_points,
-    carrier_of,
-    cell_points,
-    law_of,
-    quantities_of,
-)
+from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 
@@ -48,8 +35,8 @@ class Stresses:
         Of the quantities.
     """
 
-    nodal: SolidStrains | BeamStrains
-    inner: SolidStrains | BeamStrains
+    nodal: Strains
+    inner: Strains
     law: SolidLaw | BeamLaw
     units: dict[str, str]
 
@@ -65,11 +52,7 @@ class Stresses:
     @cached_property
     def _by_node(self) -> np.ndarray:
         """The points of every node, the first of them again where there are fewer, shape (k, n_nodes)."""
-        points = self.nodal
-        if isinstance(points, BeamStrains):
-            nodes = points.body.mesh.cells[points.elements, points.along.astype(int)]
-        else:
-            nodes = points.nodes
+        nodes = self.nodal.nodes
         order, counts = np.argsort(nodes, kind="stable"), np.bincount(nodes)
         starts = np.cumsum(counts) - counts
         each = np.minimum(np.arange(counts.max())[:, None], counts - 1)
@@ -100,7 +83,7 @@ class FieldPoints:
     @property
     def kind(self) -> str:
         """meshio's name of the cells."""
-        return self.mesh.kind if isinstance(self.mesh, SolidMesh) else "line"
+        return self.mesh.kind
 
     @property
     def units(self) -> dict[str, str]:
@@ -116,10 +99,7 @@ class FieldPoints:
     @property
     def width(self) -> int:
         """Numbers that an instant takes while it is evaluated."""
-        if self.stresses is None or not isinstance(self.stresses.nodal, SolidStrains):
-            return self.mesh.nodes.size
-        points = self.stresses.nodal
-        return points.cells.size * points.gradients.shape[1] * 9
+        return self.mesh.nodes.size if self.stresses is None else max(self.mesh.nodes.size, self.stresses.nodal.width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,13 +118,13 @@ class FieldSet:
     left_out: dict[str, str]
 
     @classmethod
-    def of(cls, scene: Scene, bodies: tuple[Body, ...], shapes: Mapping[str, BodyShape], n_frames: int) -> FieldSet:
+    def of(cls, scene: Scene, bodies: tuple[Body, ...], n_frames: int) -> FieldSet:
         """Choose them.
 
         Parameters
         ----------
-        bodies, shapes
-            The model's, and what they are made from.
+        bodies
+            The model's.
         n_frames
             Frames that are stored.
         """
@@ -157,7 +137,7 @@ class FieldSet:
             if scene.bodies[body.name].section_scale is not None:
                 left_out[body.name] = "its cross-section scales, and its mesh is that of scale 1"
                 continue
-            mesh = _mesh_of(body, shapes[body.name])
+            mesh = body.drawn
             if mesh is None:
                 left_out[body.name] = (
                     "the reduced model is without its large mesh; name a stress output of it, and build again"
@@ -178,24 +158,11 @@ class FieldSet:
         return cls(points, left_out)
 
 
-def _mesh_of(body: Body, shape: BodyShape) -> SolidMesh | LineMesh | None:
-    """Return what a body's nodes are those of; None where it is not known."""
-    if body.flexible:
-        carrier = carrier_of(body)
-        return carrier.mesh if isinstance(carrier, Body) else carrier
-    if isinstance(shape, Component):
-        return None if shape.recovery is None else shape.recovery.carrier
-    return shape if isinstance(shape, SolidMesh) else body.shape
-
-
 def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -> FieldPoints:
-    stresses = None
-    if body.flexible:
-        name, carrier = body.name, carrier_of(body)
-        places = all_points(scene, name, carrier), cell_points(scene, name, carrier)
-        stresses = Stresses(*places, law_of(scene, name, carrier), quantities_of(scene, name))
-    radius = None if isinstance(mesh, SolidMesh) else _radius(scene, body.name)
-    return FieldPoints(number, mesh, stresses, radius)
+    stresses, here = None, body.stresses(scene)
+    if here is not None:
+        stresses = Stresses(here.everywhere(), here.in_middles(), here.law, here.units)
+    return FieldPoints(number, mesh, stresses, _radius(scene, body.name) if mesh.kind == "line" else None)
 
 
 def _radius(scene: Scene, name: str) -> float:

@@ -123,7 +123,7 @@ class FullModel:
         """
         mechanism = self.kinematics.mechanism
         # alone, PETSc's solvers are better with the fill-in of a mesh in space
-        filled = mechanism.space is SPATIAL and any(body.meshed is not None for body in mechanism.bodies)
+        filled = mechanism.space is SPATIAL and any(len(body.points) for body in mechanism.bodies)
         if comm.size > 1 or not self._in_lanes or filled:
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
@@ -238,7 +238,7 @@ class FullModel:
         from pgmp_petsc.models.field_points import FieldSet
 
         unknowns = Unknowns(self.kinematics.mechanism)
-        seen = FieldSet.of(self.scene, unknowns.bodies, self.meshes, self.scene.simulation.frames)
+        seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)
         return FullFields(seen, unknowns)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
@@ -282,4 +282,4 @@ class ComponentModel(FullModel):
     @property
     def n_amplitudes(self) -> dict[str, int]:
         """Number of component modes of every flexible body."""
-        return {body.name: body.floating.n for body in self.kinematics.mechanism.bodies if body.floating is not None}
+        return {body.name: body.n_amplitudes for body in self.kinematics.mechanism.bodies if body.n_amplitudes}

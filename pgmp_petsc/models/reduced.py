@@ -179,7 +179,7 @@ class ReducedModel:
         from pgmp_petsc.models.field_points import FieldSet
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
-        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, self.meshes, frames)
+        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)
         return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:

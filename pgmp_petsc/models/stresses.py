@@ -23,12 +23,11 @@ import numpy as np
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.recovery import products
-from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains, Values
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw, StressOutput, Values
+from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.missed_answers import Missed
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -50,9 +49,9 @@ class FullStresses:
     def __init__(self, scene: Scene, outputs: OutputSet, unknowns: Unknowns) -> None:
         self._stresses, self._unknowns = outputs.stresses, unknowns
         self._linear = {
-            stress.name: linear_map(stress, unknowns.bodies[stress.body].floating.recovery.by_node)
+            stress.name: linear_map(stress, unknowns.bodies[stress.body].by_node)
             for stress in outputs.stresses
-            if unknowns.bodies[stress.body].floating is not None
+            if unknowns.bodies[stress.body].n_amplitudes
         }
 
     def of(self, q: np.ndarray, values: Values) -> np.ndarray:
@@ -62,7 +61,7 @@ class FullStresses:
 
     def _of(self, stress: StressOutput, q: np.ndarray, values: Values) -> np.ndarray:
         body = self._unknowns.bodies[stress.body]
-        if body.floating is not None:
+        if body.n_amplitudes:
             return in_blocks(stress, lambda part: _times(self._linear[stress.name], q[body.internal, part]), q, values)
         return in_blocks(stress, lambda part: _of_unknowns(stress, body, self._unknowns, q[:, part]), q, values)
 
@@ -86,7 +85,7 @@ class ReducedStresses:
             number: Amplitudes(rom, self._bodies[number], scene.reduction.interpolation)
             for number in {stress.body for stress in outputs.stresses}
         }
-        self._linear = {s.name: linear_map(s, _by_node(self._bodies[s.body])) for s in outputs.stresses}
+        self._linear = {s.name: linear_map(s, self._bodies[s.body].by_node) for s in outputs.stresses}
         self._missed = MissedStrains(kinematics, rom, scene.reduction.interpolation)
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
@@ -98,7 +97,7 @@ class ReducedStresses:
 
     def _of(self, stress: StressOutput, y: np.ndarray, missed: np.ndarray | None, values: Values) -> np.ndarray:
         body, linear = self._bodies[stress.body], self._linear[stress.name]
-        curved = self._amplitudes[stress.body].curved and body.is_planar_beam
+        curved = self._amplitudes[stress.body].curved and body.strains_follow_frames
 
         def strains(part: slice) -> np.ndarray:
             found = strains_of_beams(body, stress.points, y[:, part]) if curved else _times(linear, y[:, part])
@@ -135,7 +134,7 @@ class MissedStrains:
         found = self._missed.of(eta, values)
         return {number: found[rows] for number, rows in self._rows.items()}
 
-    def softening(self, law: SolidLaw | BeamLaw, points: SolidStrains | BeamStrains, values: Values) -> np.ndarray:
+    def softening(self, law: SolidLaw | BeamLaw, points: Strains, values: Values) -> np.ndarray:
         """Return what makes of strains of points with the nominal stiffness those of the same forces at the values."""
         return law.softening(points, self._nominal, values)
 
@@ -189,9 +188,7 @@ def in_blocks(
 
 def _blocks(stress: StressOutput, n: int) -> Iterator[slice]:
     """Yield parts of n columns that are evaluated together."""
-    points = stress.points
-    width = points.cells.size * points.gradients.shape[1] * 9 if isinstance(points, SolidStrains) else points.n_points
-    step = max(1, AT_ONCE // max(1, width))
+    step = max(1, AT_ONCE // max(1, stress.points.width))
     for first in range(0, n, step):
         yield slice(first, min(first + step, n))
 
@@ -206,11 +203,4 @@ def _times(linear: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _of_unknowns(stress: StressOutput, body: Body, unknowns: Unknowns, q: np.ndarray) -> np.ndarray:
-    return stress.points.of_places(on_mesh(body, q) if body.meshed is not None else unknowns.frames(q)[body.nodes])
-
-
-def _by_node(body: Body) -> np.ndarray:
-    """Return the displacements of nodes for a unit of each of a body's unknowns, (n_nodes, n_of_a_node, n)."""
-    if body.is_beam:
-        return np.eye(body.dofs.size).reshape(body.n_nodes, body.node_dofs, -1)
-    return body.component.recovery.by_node
+    return stress.points.of_places(body.moving_nodes(q, unknowns.frames(q)))

@@ -141,4 +141,4 @@ def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutpu
 
 def _nodes_of_beams(body: Body) -> set[int]:
     """Return the nodes of a body of beams, whose frames say all of its strains."""
-    return set(range(body.nodes.start, body.nodes.stop)) if body.is_beam else set()
+    return set(range(body.nodes.start, body.nodes.stop)) if body.fibred else set()

@@ -18,7 +18,6 @@ import numpy as np
 
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.third_derivative import is_known_of
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_remarks
@@ -368,7 +367,7 @@ class _Sampling:
 
 def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:
     """Return what probes the modes' stiffness; None where K3 of a body is not known."""
-    known = all(is_known_of(body) for body in problem.mechanism.bodies)
+    known = all(body.third_derivative_known for body in problem.mechanism.bodies)
     return InfluenceProbe(problem, actions) if known else None
 
 

@@ -162,9 +162,8 @@ class Sampler:
             np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1))
         )
         for body in mechanism.bodies:
-            if body.component is not None:
-                probes = body.component.probes
-                waves[body.dofs] = probes[:, np.arange(n_waves) % probes.shape[1]]
+            if body.probes is not None:
+                waves[body.dofs] = body.probes[:, np.arange(n_waves) % body.probes.shape[1]]
         return waves[rows.start : rows.stop]
 
     def _times(self, terms: sp.csr_matrix | np.ndarray, columns: np.ndarray) -> np.ndarray:

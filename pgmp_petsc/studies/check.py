@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.components.condensing import Trial, check_slender
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_force
@@ -43,14 +42,13 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
-    for body in mechanism.bodies:
-        if body.meshed is not None:
-            check_slender(scene, body.meshed)
+    for framed in (framed for body in mechanism.bodies for framed in body.to_condense):
+        check_slender(scene, framed)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
-    continuum = any(body.is_continuum for body in mechanism.bodies)
+    large = any(body.to_condense for body in mechanism.bodies)
     # how many loads there are takes no rows of large matrices
-    matrices = assemble(mechanism.bodies, range(0 if continuum else mechanism.n_dofs))
+    matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
     loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).wanted(scene.reduction).n
     coordinates = kinematics.coordinates
@@ -90,9 +88,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    if any(body.meshed is not None for body in mechanism.bodies):
+    if large:
         lines += _condensing(mechanism)
-    elif not continuum and not left_open and reducible:
+    elif not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 
@@ -105,19 +103,9 @@ def _bodies(mechanism: Mechanism) -> list[str]:
             lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
             continue
         stiffness = ", ".join(map(str, sorted(body.condensed_weights("stiffness"))))
-        if body.meshed is not None:
-            mesh = body.meshed.solid.mesh
-            frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.meshed.frames.items())
-            lines.append(
-                f"  body          {body.name}: {mesh.n_nodes} nodes, {body.meshed.solid.described}, "
-                f"weights {stiffness}; frames {frames}"
-            )
-            continue
-        n_elements = len(body.mesh.cells)
-        lines.append(
-            f"  body          {body.name}: {body.n_nodes} nodes, {n_elements} element{'s' * (n_elements > 1)}, "
-            f"{body.mesh.lengths.sum():.6g} m, weights {stiffness}"
-        )
+        frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.face_frames.items())
+        frames = frames and f"; frames {frames}"
+        lines.append(f"  body          {body.name}: {body.described}, weights {stiffness}{frames}")
     return lines
 
 
@@ -125,8 +113,8 @@ def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
     lines = []
     for name, body in meshes.items():
-        if isinstance(body, Assembled):
-            found = body.properties
+        found = given_properties(body)
+        if found is not None:
             centre = ", ".join(f"{x:.6g}" for x in found.centre)
             moments = found.inertia[np.triu_indices(len(found.inertia))]
             kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
@@ -264,7 +252,7 @@ def describe_trial(trial: Trial) -> str:
 
 def _condensing(mechanism: Mechanism) -> list[str]:
     """Estimate what condensing the continuum bodies holds."""
-    solids = [body.meshed.solid for body in mechanism.bodies if body.meshed is not None]
+    solids = [framed.solid for body in mechanism.bodies for framed in body.to_condense]
     entries = sum(solid.n_entries for solid in solids)
     largest = max(solids, key=lambda solid: solid.n_dofs)
     return [
@@ -317,16 +305,14 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
 
 def _body(scene: Scene, body) -> dict[str, Any]:
     """Return what kind of body it is and how large."""
-    solid = None if body.meshed is None else body.meshed.solid.mesh
-    n_nodes = len(body.shape.nodes) if solid is None else solid.n_nodes
-    n_cells = len(body.shape.cells) if solid is None else solid.n_cells
+    n_nodes, n_cells = body.size
     return {"element": scene.bodies[body.name].element if body.name in scene.bodies else "point mass",
             "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
 
 
 def _mass_of(mesh: BodyShape | None) -> dict[str, Any]:
     """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body from matrices, at factors of 1."""
-    if not isinstance(mesh, Assembled):
+    found = given_properties(mesh)
+    if found is None:
         return {}
-    found = mesh.properties
     return {"mass": found.mass, "centre": found.centre.tolist(), "inertia": found.inertia.tolist()}

@@ -27,9 +27,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, has_long_axis
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.declare.ideas import EFFECTS
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
@@ -310,7 +309,7 @@ def choose_effects(
         wanted.append(Gyroscopic(type="gyroscopic", keep=False))
     second_order = scene.reduction.second_order
     if not second_order and keeps["geometric_stiffening"]:
-        stretching = "static" if all(_has_long_axis(shape) for shape in shapes.values()) else "dynamic"
+        stretching = "static" if all(has_long_axis(shape) for shape in shapes.values()) else "dynamic"
         stiffening = GeometricStiffening(type="geometric_stiffening", stretching=stretching)
         wanted += [stiffening, ModeInertia(type="mode_inertia")]
     for term in wanted:
@@ -320,11 +319,6 @@ def choose_effects(
         update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
     )
     return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
-
-
-def _has_long_axis(shape: BodyShape) -> bool:
-    """Return whether static stretching of a body is told from its bending."""
-    return not isinstance(shape, Component) or shape.large is None or shape.large.slender
 
 
 def _free_name(wanted: str, taken: Mapping[str, object]) -> str:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import read_line_mesh
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.served_range import check_served, served_ranges

@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.body_fields import mesh_displacements, placed, undeformed
+from pgmp_petsc.models.body_fields import placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
@@ -54,7 +54,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     free, v = _free(model), vectors[:, number - 1]
     shapes = interpolant(rom.tables.samples, rom.projection, scheme)(theta[None])[0]
     moved = rigid[:, free] @ v[: free.size] + shapes @ v[free.size :]
-    seen = FieldSet.of(model.scene, mechanism.bodies, model.meshes, 1)
+    seen = FieldSet.of(model.scene, mechanism.bodies, 1)
     own = {name: _displacements(field, mechanism.bodies[field.number], moved) for name, field in seen.points.items()}
     d = mechanism.space.dimension
     largest = max((float(np.linalg.norm(part[:, :d, 0], axis=1).max()) for part in own.values()), default=0.0)
@@ -122,7 +122,7 @@ def _displacements(field: FieldPoints, body: Body, moved: np.ndarray) -> np.ndar
     """Return the displacements of a body's nodes in its frame, shape (n_nodes, n_of_a_node, 1)."""
     own = moved[body.dofs]
     if body.flexible:
-        return mesh_displacements(body, own[:, None])
+        return body.displacements(own[:, None])
     d, arms = field.mesh.nodes.shape[1], field.mesh.nodes - body.mesh.nodes[0]
     if d == 2:
         turned = own[2] * np.column_stack([-arms[:, 1], arms[:, 0]])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
@@ -174,7 +173,7 @@ def _collect(
                 joints[name, motion] = rates(connection.measure(motion), connection.sides)[0]
     heights, total = np.zeros((time.size, d)), 0.0
     for body in mechanism.bodies:
-        mass = _mass_of(body, values)
+        mass = body.mass_at(values)
         heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
         total += mass
     balance = balance_of(time, joined(energies))
@@ -187,11 +186,3 @@ def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray
         return np.zeros((3, 1))
     directors, rates = (part[unknowns.frame(side.node)[3:]].reshape(3, 3, -1) for part in parts[:2])
     return 0.5 * np.sum(np.cross(directors, rates, axis=1), axis=0)
-
-
-def _mass_of(body: Body, values: Mapping[str, float]) -> float:
-    """Return the mass of a rigid body, kg."""
-    lumped = sum(float(w.evaluate(values)) * lump.mass for w, lump in body.lumps.get(0, {}).items())
-    if body.component is None:
-        return lumped
-    return lumped + sum(float(w.evaluate(values)) * float(m[0, 0]) for w, m in body.component.mass.items())

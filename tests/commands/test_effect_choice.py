@@ -16,7 +16,7 @@ from solids import rectangle_mesh
 
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
 from pgmp_petsc.runtime.groups import RankGroup

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from mpi4py import MPI
 from random_mechanisms import random_scene
 
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory

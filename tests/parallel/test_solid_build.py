@@ -49,7 +49,7 @@ def shapes_of(rom: ReducedOrderModel) -> np.ndarray:
     Internal coordinates have no meaning of their own: their products with fixed fields of the mesh have.
     """
     mechanism = Mechanism.from_scene(scene_from_toml(rom.record.scene_toml, "."), rom.meshes)
-    return np.concatenate([body.component.probes.T @ rom.projection[:, body.dofs] for body in mechanism.bodies], axis=1)
+    return np.concatenate([body.probes.T @ rom.projection[:, body.dofs] for body in mechanism.bodies], axis=1)
 
 
 @pytest.mark.parametrize(("n", "case"), CASES)

@@ -8,9 +8,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence
 from solids import body_of, matrices_of, mesh_of
 
-from pgmp_petsc.bodies import assembled_checks
+from pgmp_petsc.bodies import assembled_reading
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.bodies.assembled_checks import check_free, check_mass, check_places, check_stated, made_symmetric
+from pgmp_petsc.bodies.assembled_reading import check_free, check_mass, check_places, check_stated, made_symmetric
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Stated
 
@@ -60,7 +60,7 @@ def test_nodes_have_to_span_space(axes: tuple[int, ...], words: str | None, away
 def test_lumped_masses_are_positive() -> None:
     mass = matrices_of(body_of(MESH, 210e9, 7800.0))[1]
     lumped = sp.diags(np.asarray(mass.sum(axis=1)).ravel())
-    assert MESH.n_nodes > assembled_checks.DENSE
+    assert MESH.n_nodes > assembled_reading.DENSE
     check_mass(body(mass=lumped), "mass")
 
 
@@ -68,7 +68,7 @@ def test_a_mass_that_lanczos_cannot_tell_is_refused(monkeypatch: pytest.MonkeyPa
     def never(*arguments: object, **options: object) -> None:
         raise ArpackNoConvergence("none", np.zeros(0), np.zeros((0, 0)))
 
-    monkeypatch.setattr(assembled_checks, "eigsh", never)
+    monkeypatch.setattr(assembled_reading, "eigsh", never)
     with pytest.raises(InputError, match="^mass: whether it is positive definite cannot be told"):
         check_mass(body(), "mass")
 

@@ -6,7 +6,8 @@ import compiled_elements
 import numpy as np
 import pytest
 
-from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
+from pgmp_petsc.bodies.body import element_dofs
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body, to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -82,7 +83,7 @@ def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_fram
     q = mechanism.place(poses)
     tangent = np.zeros((mechanism.n_dofs,) * 2)
     for body in mechanism.bodies:
-        terms = body.section.stiffness_terms()
+        terms = body.section.terms("stiffness")
         section = sum(np.array(c) * m.evaluate({"r1": RADIUS}) for m, c in terms.items())
         cells = zip(element_dofs(body.elements), body.mesh.lengths, body.directions)
         for dofs, length, direction in cells:

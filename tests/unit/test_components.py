@@ -141,8 +141,6 @@ def test_linear_fields_have_the_mass_and_the_energy_of_a_box(kind: str) -> None:
             found = fields[:, order[i]].T @ both.small_mass @ fields[:, order[j]]
             expected = moments if i == j else np.zeros_like(moments)
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * mass)
-    spreading = both.component.spreading
-    np.testing.assert_allclose(both.recovery @ spreading, both.places.ravel(), rtol=0, atol=1e-13)
     # the energy of a strain of 1 along x alone
     nu = 0.3
     modulus = 210e9 / (1 - nu**2) if d == 2 else 210e9 * (1 - nu) / ((1 + nu) * (1 - 2 * nu))

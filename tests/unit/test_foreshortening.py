@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.floating import FloatingBody, first_moments
 from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 TIP = 'outputs.tip={type="position", point="beam:tip", axis="x"}'

@@ -12,10 +12,10 @@ from scipy.sparse.linalg import splu
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.beam_strains import BeamStrains
-from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.hollow_rectangle import HollowRectangle
-from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.outputs.stress import BeamLaw
+from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.bodies.stresses import BeamLaw
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Material
 from scenes import slider_crank
@@ -101,10 +101,10 @@ def test_a_cantilever_has_the_deflection_and_the_stress_of_beam_theory() -> None
     n, length, force = 40, 1.2, 100.0
     mesh, section = straight_beam(length, n, 0.0, 3), tube().coefficients(3, STEEL, {}, dict)
     axes = section_axes(np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0], np.array([0.0, 1.0, 0.0]))
-    body = Body.beam_in_space("beam", mesh, section, axes)
+    body = Beam("beam", mesh, mesh, section=section, axes=axes)
     size = 6 * (n + 1)
     stiffness, loads, u = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-    for entries in body.stiffness_entries(np.arange(n)).values():
+    for entries in body.of_elements("stiffness", np.arange(n)).values():
         for (one, _), entry in zip(mesh.cells, entries):
             stiffness[6 * one : 6 * one + 12, 6 * one : 6 * one + 12] += entry
     loads[-5] = force

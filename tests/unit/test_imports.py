@@ -103,6 +103,26 @@ def test_imports_run_one_way(package: str) -> None:
         assert packages_of(path) <= allowed, f"{path.relative_to(ROOT)} imports {packages_of(path) - allowed}"
 
 
+#: What only the room of bodies asks: of what kind a body is. Elsewhere it is asked at most so often, of shapes.
+KINDS = {"Assembled", "AssembledBody", "BeamStrains", "Body", "Component", "ContinuumShape", "FloatingBody", "LineMesh"}
+KINDS |= {"Solid", "SolidMesh", "SolidStrains"}
+MOST_ASKED = 12
+
+
+def test_nobody_asks_bodies_for_their_kind() -> None:
+    """Kinds are found (`bodies.body.kinds`): no module outside their room imports one, and few ask for those of shapes."""
+    asked = []
+    for path in PACKAGE.rglob("*.py"):
+        if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":
+            continue
+        assert not any("bodies.kinds" in name for name in imports_of(path)), path
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
+                named = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+                asked += [f"{path}:{node.lineno}"] if named & KINDS else []
+    assert len(asked) <= MOST_ASKED, asked
+
+
 def test_modules_do_not_import_each_other_in_circles() -> None:
     graph = {}
     for path in PACKAGE.rglob("*.py"):

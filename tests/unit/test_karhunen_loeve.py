@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from pgmp_petsc.bodies.karhunen_loeve import correlation, expansion
+from pgmp_petsc.bodies.random_fields import correlation, expansion
 
 
 def closed_form(extent: float, length: float, n: int) -> np.ndarray:
@@ -61,11 +61,11 @@ def test_functions_do_not_depend_on_the_order_of_the_cells() -> None:
 
 
 def test_a_factor_that_ends_early_has_the_eigenvalues_of_the_whole_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pgmp_petsc.bodies import karhunen_loeve
+    from pgmp_petsc.bodies import random_fields
 
     whole = on_interval(400, length=0.21, n_terms=5)
-    monkeypatch.setattr(karhunen_loeve, "NUMBERS", 0)
-    monkeypatch.setattr(karhunen_loeve, "OVERSAMPLING", 60)
+    monkeypatch.setattr(random_fields, "NUMBERS", 0)
+    monkeypatch.setattr(random_fields, "OVERSAMPLING", 60)
     part = on_interval(400, length=0.2100001, n_terms=5)
     # Between the middles of the pivots' cells the exponential kernel leaves a Brownian bridge of variance h / (3 l) on
     # average and nothing else (it is Markov's): eigenvalues fall by at most the trace of a piece. Pivots halve the

@@ -40,10 +40,10 @@ def test_all_terms_share_one_pattern(matrices: AffineMatrices) -> None:
 
 
 def test_matrices_are_the_sums_of_element_matrices(mechanism: Mechanism, matrices: AffineMatrices) -> None:
-    for terms, entries in ((matrices.mass, "mass_entries"), (matrices.stiffness, "stiffness_entries")):
+    for terms, kind in ((matrices.mass, "mass"), (matrices.stiffness, "stiffness")):
         dense = {monomial: np.zeros((mechanism.n_dofs,) * 2) for monomial in terms}
         for body in mechanism.bodies:
-            for monomial, elements in getattr(body, entries)(np.arange(body.mesh.n_cells)).items():
+            for monomial, elements in body.of_elements(kind, np.arange(body.mesh.n_cells)).items():
                 for (i, j), element in zip(body.elements, elements):
                     dofs = np.r_[DOFS_PER_NODE * i + np.arange(3), DOFS_PER_NODE * j + np.arange(3)]
                     dense[monomial][np.ix_(dofs, dofs)] += element

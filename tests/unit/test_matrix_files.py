@@ -21,9 +21,7 @@ from assembled import (
 from conftest import TIMEOUT_SECONDS
 from solids import body_of, matrices_of, mesh_of
 
-from pgmp_petsc.mesh.matrix_files import MatrixFile, read_matrix
-from pgmp_petsc.mesh.matrix_rows import in_order_of_nodes, read_rows
-from pgmp_petsc.mesh.node_file import NodeFile, read_nodes
+from pgmp_petsc.mesh.matrix_files import MatrixFile, NodeFile, in_order_of_nodes, read_matrix, read_nodes, read_rows
 from pgmp_petsc.runtime.errors import InputError
 
 MESH = mesh_of("quad8", (3, 1), (0.3, 0.05))

@@ -188,11 +188,11 @@ def test_matrices_of_beams_in_space_are_scaled_element_by_element() -> None:
     factor = 1.0 + sum(float(w.evaluate(values)) * part for w, part in body.profiles.modulus.terms.items())
     assert np.ptp(factor) > 0.05
     (found, expected) = (
-        sum(float(weight.evaluate(values)) * part for weight, part in one.stiffness_entries(every).items())
+        sum(float(weight.evaluate(values)) * part for weight, part in one.of_elements("stiffness", every).items())
         for one in (body, uniform)
     )
     np.testing.assert_allclose(found, factor[:, None, None] * expected, rtol=1e-12)
-    assert set(body.stiffness_weights) == set(body.stiffness_entries(every))
+    assert set(body.stiffness_weights) == set(body.of_elements("stiffness", every))
     assert set(body.mass_weights) == set(uniform.mass_weights)
 
 

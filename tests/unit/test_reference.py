@@ -23,8 +23,9 @@ from pgmp_petsc.bench.reference import (
     choose_reference,
     component_model,
     distance_from_mesh,
+    first_period,
+    period_of,
 )
-from pgmp_petsc.bench.reference import first_period, period_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel

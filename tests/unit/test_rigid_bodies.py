@@ -7,6 +7,8 @@ import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.kinds.beam import Beam
+from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.sections.given import Coefficients
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -29,7 +31,7 @@ def mass_matrix(body: Body) -> np.ndarray:
 
 
 def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
-    body = Body.rigid("bent", BENT, SECTION.coefficients(2, None, {}, dict))
+    body = RigidBody.of_lines("bent", BENT, SECTION.coefficients(2, None, {}, dict))
     # two Gauss points a cell integrate the square of the distance exactly
     share = np.array([0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)])
     ends = BENT.nodes[BENT.cells]
@@ -44,7 +46,7 @@ def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
 
 def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
     section = SECTION.coefficients(2, None, {}, dict)
-    flexible, rigid = Body.beam("bent", BENT, section), Body.rigid("bent", BENT, section)
+    flexible, rigid = Beam("bent", BENT, BENT, section=section), RigidBody.of_lines("bent", BENT, section)
     arms = BENT.nodes - rigid.mesh.nodes[0]
     motions = np.zeros((len(arms), 3, 3))
     motions[:, 0, 0] = motions[:, 1, 1] = motions[:, 2, 2] = 1.0

@@ -9,10 +9,10 @@ import pytest
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import rigid_component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.runtime.errors import InputError
@@ -72,7 +72,7 @@ def test_linear_fields_have_the_momenta_of_the_mesh(kind: str) -> None:
 
 
 def test_a_body_in_the_plane_is_a_mass_on_a_node() -> None:
-    body = Body.condensed("bar", rigid_component(framed("quad8")))
+    body = RigidBody.of_component("bar", rigid_component(framed("quad8")))
     assert not body.flexible and body.n_nodes == 1 and body.n_internal == 0
     assert body.mass_weights == {DENSITY.monomial} and body.stiffness_weights == set()
     assert body.shape.points == {"left": 0, "right": 1}

@@ -24,7 +24,7 @@ from pgmp_petsc.bodies.face_frame import FaceFrame  # noqa: E402
 from pgmp_petsc.bodies.framed_solid import FramedSolid, _check_section  # noqa: E402
 from pgmp_petsc.bodies.inertia_moments import linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
-from pgmp_petsc.bodies.section_scale import SectionScale  # noqa: E402
+from pgmp_petsc.bodies.profile import SectionScale  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
 from pgmp_petsc.mesh.reference_element import reference_element  # noqa: E402
 from pgmp_petsc.runtime.errors import InputError  # noqa: E402

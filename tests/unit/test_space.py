@@ -6,15 +6,29 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import triad
-from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, at_nodes, at_points, cross_matrix, directors
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, cross_matrix, directors
 from pgmp_petsc.mechanism.statements import angle
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
 POINTS = np.random.default_rng(5).normal(size=(4, 3))
 IN_THE_PLANE = POINTS * [1.0, 1.0, 0.0]
 EPSILON = 1e-14  # round-off of sums of products of numbers of order 1
+
+
+def at_points(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return a linear field (d + d^2, ...) at points (n, d), shape (n, d, ...)."""
+    return np.tensordot(linear_fields(points), coefficients, 1).reshape(*points.shape, *coefficients.shape[1:])
+
+
+def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return what a linear field does to frames at points: displacements, and rotations behind them."""
+    d, moved = points.shape[1], at_points(coefficients, points)
+    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
+    turn = np.array([0.5 * (gradient[j, i] - gradient[i, j]) for i, j in TURNS[d]])
+    return np.concatenate([moved, np.broadcast_to(turn, (len(points), *turn.shape))], axis=1)
 
 
 def planar(time: np.ndarray) -> np.ndarray:

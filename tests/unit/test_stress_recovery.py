@@ -10,13 +10,14 @@ from solids import mesh_of
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam3d import beam_work, section_axes, stretch
 from pgmp_petsc.bodies.beam_strains import BeamStrains
-from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
-from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, hooke, principal, von_mises
+from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, hooke, principal, von_mises
+from pgmp_petsc.outputs.stress import FURTHEST, LARGEST, SMALLEST
 from pgmp_petsc.scene.bodies import Material
 
 KINDS = [*PLANE_KINDS, *SOLID_KINDS]
@@ -142,11 +143,11 @@ def test_which_of_several_values_is_reported() -> None:
     np.testing.assert_array_equal(FURTHEST(values), [-3.0, -2.0, np.nan])
 
 
-def spatial_beam(n: int = 4) -> Body:
+def spatial_beam(n: int = 4) -> Beam:
     mesh = straight_beam(1.2, n, 0.0, 3)
     axes = section_axes(np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0], np.array([0.2, 0.5, 0.8]))
     section = Rectangle(shape="rectangle", width=0.02, height=0.03).coefficients(3, STEEL, {}, dict)
-    return Body.beam_in_space("beam", mesh, section, axes)
+    return Beam("beam", mesh, mesh, section=section, axes=axes)
 
 
 def test_strains_of_beams_in_space_have_the_elements_energy() -> None:
@@ -190,9 +191,10 @@ def test_strains_of_beams_begin_as_the_linear_ones(space: bool) -> None:
     np.testing.assert_allclose(slope, points.of_displacements(u), rtol=0, atol=1e-8 * np.abs(slope).max())
 
 
-def planar_beam(n: int = 5) -> Body:
+def planar_beam(n: int = 5) -> Beam:
     section = Circle(shape="circle", radius=0.01).coefficients(2, STEEL, {}, dict)
-    return Body.beam("beam", straight_beam(0.8, n, 0.0, 2), section)
+    mesh = straight_beam(0.8, n, 0.0, 2)
+    return Beam("beam", mesh, mesh, section=section)
 
 
 @pytest.mark.parametrize("space", [False, True])
@@ -201,7 +203,7 @@ def test_a_cantilever_has_the_forces_and_moments_of_statics_at_every_section(spa
     body, length = (spatial_beam(3), 1.2) if space else (planar_beam(3), 0.8)
     per_node, n = body.node_dofs, body.dofs.size
     stiffness = np.zeros((n, n))
-    for entries in body.stiffness_entries(np.arange(3)).values():
+    for entries in body.of_elements("stiffness", np.arange(3)).values():
         for cell, entry in zip(body.mesh.cells, entries):
             own = (per_node * cell[:, None] + np.arange(per_node)).ravel()
             stiffness[np.ix_(own, own)] += entry

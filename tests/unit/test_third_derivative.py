@@ -9,7 +9,7 @@ from mpi4py import MPI
 from static_equilibrium import StaticEquilibrium
 
 from pgmp_petsc.bodies.matrices import owned_rows
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative, is_known_of
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.groups import RankGroup
@@ -105,6 +105,6 @@ def test_bodies_without_terms_of_second_order_are_named() -> None:
     with RankGroup.split(MPI.COMM_SELF, 1) as alone:
         shapes = condensed(scene, combinations.meshes_for(scene), alone)
     mechanism = Mechanism.from_scene(scene, shapes)
-    assert [is_known_of(body) for body in mechanism.bodies] == [True, False]
+    assert [body.third_derivative_known for body in mechanism.bodies] == [True, False]
     with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
         ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))

@@ -6,8 +6,7 @@ import compiled_elements
 import numpy as np
 import pytest
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.bodies.matrices import element_dofs
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, element_dofs
 from pgmp_petsc.modes.problem import ModalProblem
 from scenes import SHEAR_FACTOR, STEEL, kinematics_of, pendulum, straight
 

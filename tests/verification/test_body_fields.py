@@ -20,7 +20,7 @@ from spatial import bars_of, slider_crank_in_space
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.export.xdmf import write_xdmf
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant

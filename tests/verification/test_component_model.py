@@ -96,7 +96,8 @@ def test_frames_are_mean_axes(make) -> None:
     """No field of a body moves its centre of mass or has moment of momentum: Tisserand's frame."""
     for body in make()[1].kinematics.mechanism.bodies:
         nominal = make()[1].scene.nominal
-        moments = sum(float(weight.evaluate(nominal)) * part for weight, part in body.floating.moments.items())
+        (floating,) = body.blocks("floating")
+        moments = sum(float(weight.evaluate(nominal)) * part for weight, part in floating.moments.items())
         d = len(body.mesh.nodes[0])
         mass, fields = first_moments(moments, d)
         _, mixed, _ = second_moments(moments, d)
@@ -205,9 +206,9 @@ def test_modal_damping_takes_what_a_ratio_says(make) -> None:
     system = model.batch(samples(model.scene, 1), 1)
     state, unknowns = system.start(), system._equations.unknowns
     body = next(body for body in unknowns.bodies if body.name == "rod")
-    mass, stiffness = body.floating.modal(model.scene.nominal)
+    mass, stiffness = body.blocks("floating")[0].modal(model.scene.nominal)
     v = np.random.default_rng(0).standard_normal(system.n_dofs)
-    v[body.first_internal + 1 : body.first_internal + body.floating.n] = 0.0
+    v[body.first_internal + 1 : body.internal.stop] = 0.0
     state.v[0, :, 0] = v
     found = system.energies_over([0.0], [state]).powers["inner"][0]
     rate = v[body.first_internal]

@@ -10,8 +10,7 @@ from runs import history, rom_of, samples
 from spatial_beams import SLIDER_CRANK as IN_SPACE
 from spatial_beams import lines_of
 
-from pgmp_petsc.bodies.karhunen_loeve import correlation
-from pgmp_petsc.bodies.random_fields import checked_expansion
+from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER
@@ -113,11 +113,12 @@ def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
         total, turning = np.zeros(3), np.zeros(3)
         for body in unknowns.bodies:
-            if body.floating is None:
+            if not body.n_amplitudes:
                 continue
-            moments = sum(float(weight.evaluate(nominal)) * part for weight, part in body.floating.moments.items())
+            (floating,) = body.blocks("floating")
+            moments = sum(float(weight.evaluate(nominal)) * part for weight, part in floating.moments.items())
             frame = unknowns.frame(body.first_node + body.n_nodes - 1)
-            xi, rates = (part[body.first_internal : body.first_internal + body.floating.n] for part in (q, v))
+            xi, rates = (part[body.internal] for part in (q, v))
             p, p1, axes, axes1 = pose(q[frame], v[frame], d)
             places, fields = first_moments(moments, d)
             squares, mixed, both = second_moments(moments, d)

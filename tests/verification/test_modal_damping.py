@@ -46,7 +46,7 @@ def test_modes_are_damped_and_rigid_motions_are_not(kind: str) -> None:
     damping = modal_damping(effects_of(scene, mechanism), mechanism.bodies, scene.nominal)[0]
     body, d = mechanism.bodies[0], scene.dimension
     omega, phi, mass = free_modes(body, scene.nominal, 2, "entry")
-    places = body.meshed.solid.mesh.nodes
+    places = body.points
     turn = Rotation.from_rotvec([0.3, -1.1, 2.0] if d == 3 else [0.0, 0.0, 2.0]).as_matrix()[:d, :d]
     q, moving = np.zeros((mechanism.n_dofs, 1)), np.zeros((mechanism.n_dofs, 1))
     q[damping.dofs, 0] = (places @ turn.T + 0.7).ravel()

@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.indicator.validity import BodyStrains, half_height
-from pgmp_petsc.mechanism.mechanism import Mechanism, linear_fields
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -128,9 +128,9 @@ def test_sections_have_the_inertia_forces_of_their_fibres() -> None:
     scene = pendulum_in_space('bodies.arm.mesh="0.0:1.0:3"', "bodies.arm.orientation=[0.0, 0.6, 0.8]")
     (body,) = Mechanism.from_scene(scene, lines_of(scene)).bodies
     mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
-    inertia = sum(np.array(terms) for terms in body.section.mass_terms().values())
+    inertia = sum(np.array(terms) for terms in body.section.terms("mass").values())
     gradient = np.random.default_rng(5).standard_normal((3, 3))
-    field = linear_fields(body) @ np.concatenate([np.zeros(3), gradient.ravel()])
+    field = body.linear_fields() @ np.concatenate([np.zeros(3), gradient.ravel()])
     wanted = np.zeros(body.dofs.size)
     for element, axes, length in zip(body.mesh.cells, body.axes, body.mesh.lengths):
         frames = [np.concatenate([gradient @ body.mesh.nodes[node], gradient.T.ravel()]) for node in element]
@@ -145,7 +145,7 @@ def test_a_rigid_beam_has_the_inertia_of_its_line() -> None:
     rigid = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]", "bodies.arm.flexible=false")
     (body,), (stiff,) = (Mechanism.from_scene(made, lines_of(made)).bodies for made in (scene, rigid))
     mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
-    unit = linear_fields(body)
+    unit = body.linear_fields()
     motion = np.column_stack([*unit[:, :3].T, unit[:, 3:] @ [0, 0, 0, 0, 0, -1, 0, 1, 0],
                               unit[:, 3:] @ [0, 0, 1, 0, 0, 0, -1, 0, 0],
                               unit[:, 3:] @ [0, -1, 0, 1, 0, 0, 0, 0, 0]])  # fmt: skip
@@ -270,13 +270,13 @@ def test_a_section_by_coefficients_is_the_section() -> None:
     area, about_2, about_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
     rectangle = pendulum_in_space()
     (body,) = Mechanism.from_scene(rectangle, lines_of(rectangle)).bodies
-    terms = sum(np.array(terms) for terms in body.section.stiffness_terms().values())
+    terms = sum(np.array(terms) for terms in body.section.terms("stiffness").values())
     keys = ("axial", "shear_2", "shear_3", "torsion", "bending_2", "bending_3")
     given = ", ".join(f"{key}={value!r}" for key, value in zip(keys, terms.tolist()))
     given += f", line_density={DENSITY * area!r}, rotary_2={DENSITY * about_2!r}, rotary_3={DENSITY * about_3!r}"
     section = f'section={{shape="coefficients3d", {given}}}'
     other = pendulum_in_space(f'bodies.arm={{mesh="0.0:1.0:10", element="beam3d", orientation=[0, 1, 0], {section}}}')
     (twin,) = Mechanism.from_scene(other, lines_of(other)).bodies
-    for kind in ("mass_entries", "stiffness_entries"):
-        one, two = (sum(getattr(each, kind)(np.arange(10)).values()) for each in (body, twin))
+    for kind in ("mass", "stiffness"):
+        one, two = (sum(each.of_elements(kind, np.arange(10)).values()) for each in (body, twin))
         np.testing.assert_allclose(two, one, rtol=1e-12)

@@ -154,7 +154,7 @@ def test_the_free_modes_of_a_bar() -> None:
     matrices = assemble([body.alone()], range(len(phi)))
     mass = weighted_sum(matrices.mass, scene.nominal)
     np.testing.assert_allclose(phi.T @ mass @ phi, np.eye(4), rtol=0, atol=1e-9)
-    d, fields = 3, body.component.fields
+    d, fields = 3, body.linear_fields()
     spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
     rigid = np.column_stack([fields[:, :d], *spins])
     sizes = np.sqrt(np.einsum("dk,dk->k", rigid, mass @ rigid))

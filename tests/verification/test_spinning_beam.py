@@ -32,7 +32,7 @@ from mpi4py import MPI
 from solids import rectangle_mesh
 
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory

@@ -10,10 +10,9 @@ import numpy as np
 
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.bodies.shape import BodyShape, given_properties
+from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
@@ -227,7 +226,7 @@ def _speed(scene: Scene, body: Body, mesh: Assembled) -> float:
 def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Finding]:
     """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
     for name, mesh in meshes.items():
-        if not isinstance(mesh, Assembled):
+        if given_properties(mesh) is None:
             continue
         body, entry = scene.bodies[name], f"bodies.{name}.matrices.units"
         units = body.matrices.units.model_dump()

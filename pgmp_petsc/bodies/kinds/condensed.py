@@ -1,0 +1,130 @@
+"""A flexible continuum body from its condensed matrices: its frames, and amplitudes that do not turn with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, dense_entries, frame_mesh
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.kinds.rigid import STEP_SECONDS
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.stresses import Recovered
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import Body as BodyEntry
+
+
+@dataclass(frozen=True, kw_only=True)
+class CondensedBody(Recovered, Body):
+    """A condensed body.
+
+    Attributes
+    ----------
+    component
+        Its matrices.
+    """
+
+    component: Component
+
+    dense = True
+
+    @classmethod
+    def takes(cls, entry: BodyEntry, shape: object) -> bool:
+        """See `Body`."""
+        return isinstance(shape, Component) and not shape.rigid
+
+    @classmethod
+    def of(cls, scene: Scene, name: str, shape: Component) -> CondensedBody:
+        """See `Body`."""
+        return cls.of_component(name, shape)
+
+    @classmethod
+    def of_component(cls, name: str, component: Component) -> CondensedBody:
+        """Return the body of a component."""
+        mesh = frame_mesh(component.centres, component.frames)
+        return cls(name, mesh, mesh, component=component)
+
+    @property
+    def n_internal(self) -> int:
+        """See `Body`."""
+        return self.component.n_internal
+
+    @property
+    def extent(self) -> float:
+        """See `Body`."""
+        return self.component.extent
+
+    @property
+    def has_long_axis(self) -> bool:
+        """See `Body`."""
+        return self.component.large is None or self.component.large.slender
+
+    @property
+    def probes(self) -> np.ndarray:
+        """See `Body`."""
+        return self.component.probes
+
+    @property
+    def step_seconds(self) -> float:
+        """See `Body`; only reduced models have it."""
+        return STEP_SECONDS
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """See `Recovered`."""
+        return self.component.recovery
+
+    def own_weights(self, kind: str) -> set[Monomial]:
+        """See `Body`."""
+        return set(self.component.terms(kind))
+
+    def entries(self, kind: str, rows: range) -> Iterator[Entries]:
+        """See `Body`."""
+        yield dense_entries(self.dofs, self.component.terms(kind))
+        yield from super().entries(kind, rows)
+
+    def linear_fields(self) -> np.ndarray:
+        """See `Body`."""
+        return self.component.fields
+
+    def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
+        """See `Body`."""
+        for weight, moments in self.component.moments.items():
+            yield weight, np.arange(self.dofs.size)[None], moments[None]
+
+    @property
+    def third_derivative_known(self) -> bool:
+        """See `Body`."""
+        return self.component.large is not None
+
+    def third_derivative(self, rows: range, n_dofs: int) -> ThirdPart:
+        """See `Body`."""
+        return _Third(self, rows)
+
+
+class _Third(ThirdPart):
+    """Its terms are third derivatives (n, n, n)."""
+
+    def __init__(self, body: CondensedBody, rows: range) -> None:
+        self._dofs = body.dofs
+        self._own = np.flatnonzero((self._dofs >= rows.start) & (self._dofs < rows.stop))
+        self._places = self._dofs[self._own] - rows.start
+        third = body.component.large.third
+        self.weights, self.terms = list(third), list(third.values())
+
+    def forces(
+        self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
+    ) -> Iterable[np.ndarray]:
+        """Yield the forces on the body's own rows, each of shape (n_own, n_pairs)."""
+        own = vectors[self._dofs]
+        for third in terms:
+            # one after the other: of n fields, m vectors and p pairs n^3 m + n^2 p products, not n^3 p
+            half = np.einsum("iab,bk->iak", third[self._own], own, optimize=True)
+            yield np.einsum("iap,ap->ip", half[:, :, pairs[1]], own[:, pairs[0]], optimize=True)
+
+    def add(self, forces: np.ndarray, total: np.ndarray) -> None:
+        """See `ThirdPart`."""
+        total[self._places] += forces

@@ -1,0 +1,374 @@
+"""Stresses of flexible bodies: what is made of strains, and where a body has them.
+
+Stresses are those of Hooke's law for the strains (St. Venant and Kirchhoff's with Green and Lagrange's), of the
+material's elasticity alone: what damps is no part of them. In plane stress the principal stresses are the two in the
+plane; von Mises' stress is that of the whole tensor, whose components across the plane vanish.
+
+Of beams it is forces and moments in their sections, and the stress of the outermost fibres.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.beam_strains import BeamStrains
+from pgmp_petsc.bodies.elasticity import Lame
+from pgmp_petsc.bodies.framed_solid import cells_of_materials
+from pgmp_petsc.bodies.profile import Profile
+from pgmp_petsc.bodies.random_fields import profiles_of
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
+from pgmp_petsc.scene.stress_checks import points_used
+
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.kinds.beam import Beam
+
+Values = Mapping[str, "np.ndarray | float"]
+Strains = SolidStrains | BeamStrains
+
+
+@dataclass(frozen=True, eq=False)
+class SolidLaw:
+    """Stresses of a continuum body.
+
+    Attributes
+    ----------
+    materials
+        Young's modulus (Pa) and Lame's constants over it of every material.
+    profile
+        What the modulus is multiplied by, cell by cell.
+    thickness
+        In plane stress, and what it is multiplied by, cell by cell.
+    """
+
+    materials: tuple[tuple[Quantity, Lame], ...]
+    profile: Profile = Profile()
+    thickness: tuple[Quantity, Profile] = (Quantity(1.0), Profile())
+
+    def values(
+        self, quantities: Iterable[str], points: SolidStrains, strains: np.ndarray, parameters: Values
+    ) -> dict[str, np.ndarray]:
+        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
+        stresses = np.empty_like(strains)
+        for number, (modulus, lame) in enumerate(self.materials):
+            own = points.material == number
+            stresses[own] = hooke(strains[own], lame) * modulus.at(parameters)
+        if self.profile:
+            stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
+        return {
+            quantity: von_mises(stresses)
+            if quantity == "von_mises"
+            else principal(stresses, quantity == "principal_max")
+            for quantity in quantities
+        }
+
+    def softening(self, points: SolidStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
+        """Return how much larger strains are than at the nominal parameters for the same forces, shape (n_points, 1, 1
+        or n)."""
+        thickness, sizes = self.thickness
+        ratio = np.ones((points.material.size, 1)) * np.atleast_1d(thickness.at(nominal) / thickness.at(parameters))
+        of_materials = [np.atleast_1d(modulus.at(nominal) / modulus.at(parameters)) for modulus, _ in self.materials]
+        ratio = ratio * np.array(np.broadcast_arrays(*of_materials))[points.material]
+        for profile in (self.profile, sizes):
+            if profile:
+                ratio = ratio * (profile.at(nominal, points.of_cells) / profile.at(parameters, points.of_cells))
+        return ratio[:, None]
+
+    def size(self, quantity: str, points: SolidStrains, nominal: Mapping[str, float]) -> float:
+        """Return the quantity for a strain of 1, at nominal parameters."""
+        return max(float(modulus.at(nominal)) for modulus, _ in self.materials)
+
+
+@dataclass(frozen=True, eq=False)
+class BeamLaw:
+    """Forces and moments in the sections of beams, and stresses in their outermost fibres.
+
+    Attributes
+    ----------
+    modulus
+        Young's modulus, Pa; None of a section given by coefficients.
+    reach
+        Distances of the outermost fibre from the axis, along the section's second and third axis, m.
+    round
+        Whether the section is a circle.
+    """
+
+    modulus: Quantity | None
+    reach: tuple[Quantity, Quantity] | None
+    round: bool
+
+    def values(
+        self, quantities: Iterable[str], points: BeamStrains, strains: np.ndarray, parameters: Values
+    ) -> dict[str, np.ndarray]:
+        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
+        resists = points.stiffnesses(parameters)
+        forces = points.forces(strains, resists)
+        found, fibres = {}, None
+        for quantity in quantities:
+            if quantity not in OF_FIBRES:
+                found[quantity] = forces[:, _number_of(quantity, points.body)]
+                continue
+            if fibres is None:
+                # moments at the points: other strains than came
+                fibres = self._of_fibres(points, forces / resists, parameters)
+            found[quantity] = outermost(*fibres, quantity == "stress_max")
+        return found
+
+    def softening(self, points: BeamStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
+        """Return how much larger strains are than at the nominal parameters for the same forces, shape (n_points,
+        n_strains, 1 or n)."""
+        ratio = points.stiffnesses(nominal) / points.stiffnesses(parameters)
+        # behind the strains of the points are the shears in the middles of their elements
+        return np.concatenate([ratio, ratio[:, 1 : 3 if points.in_space else 2]], axis=1)
+
+    def _of_fibres(self, points: BeamStrains, bent: np.ndarray, parameters: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stress of the axial force and the largest one of bending, each of shape (n_points, n), for strains
+        of the points (n_points, n_strains, n)."""
+        young = self.modulus.at(parameters) * points.body.profiles.modulus.at(parameters, points.of_cells)
+        along_2, along_3 = (reach.at(parameters) for reach in self.reach)
+        if not points.in_space:
+            bending = np.abs(bent[:, 2]) * along_2
+        elif self.round:
+            bending = np.hypot(bent[:, 4], bent[:, 5]) * along_2
+        else:
+            bending = np.abs(bent[:, 5]) * along_2 + np.abs(bent[:, 4]) * along_3
+        return young * bent[:, 0], young * bending
+
+    def size(self, quantity: str, points: BeamStrains, nominal: Mapping[str, float]) -> float:
+        """Return the quantity for a strain of 1, or a curvature of 1 over the body's length, at nominal parameters."""
+        body = points.body
+        if quantity in OF_FIBRES:
+            return float(self.modulus.at(nominal))
+        terms = body.sections("stiffness").items()
+        resists = sum(float(weight.evaluate(nominal)) * c[:, _number_of(quantity, body)] for weight, c in terms)
+        return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
+
+
+def _number_of(quantity: str, body: Beam) -> int:
+    """Return which of the forces and moments in a body's sections a quantity is."""
+    return list(STRESSES[f"beam{body.dimension}d"]).index(quantity)
+
+
+class BodyStresses(ABC):
+    """Where and how a flexible body has stresses.
+
+    Attributes
+    ----------
+    mesh
+        Its cells, or lines.
+    """
+
+    mesh: SolidMesh | LineMesh
+
+    def __init__(self, scene: Scene, name: str) -> None:
+        self._scene, self._name, self._entry = scene, name, scene.bodies[name]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The quantities that the body has, with their units: no fibre of a section given by coefficients."""
+        of_element = STRESSES[self._entry.element]
+        return {key: unit for key, unit in of_element.items() if self._entry.material or key not in OF_FIBRES}
+
+    @property
+    @abstractmethod
+    def law(self) -> SolidLaw | BeamLaw:
+        """What makes stresses of strains."""
+
+    @abstractmethod
+    def everywhere(self) -> Strains:
+        """Return all points of the body: the nodes of a mesh of cells, the ends of all elements of beams."""
+
+    @abstractmethod
+    def in_middles(self) -> Strains:
+        """Return the middles of all cells or elements."""
+
+    @abstractmethod
+    def at_place(self, place: np.ndarray) -> Strains | None:
+        """Return a place in the body's frame, shape (d,), m; None where it is outside."""
+
+    @abstractmethod
+    def in_group(self, name: str, entry: str) -> Strains:
+        """Return a group of faces, or a named point of beams; `entry` is the scene's to blame where there is none."""
+
+    @abstractmethod
+    def in_region(self, name: str, entry: str) -> Strains:
+        """Return the nodes of a region of cells, with the material there; `entry` as of `in_group`."""
+
+
+class CellStresses(BodyStresses):
+    """Those of a mesh of continuum elements."""
+
+    def __init__(self, scene: Scene, name: str, mesh: SolidMesh) -> None:
+        super().__init__(scene, name)
+        self.mesh = mesh
+
+    @cached_property
+    def _materials(self) -> list[tuple[str, np.ndarray]]:
+        """The materials with their cells."""
+        return cells_of_materials(self._name, self._entry, self.mesh)
+
+    @property
+    def _cells(self) -> list[np.ndarray]:
+        return [cells for _, cells in self._materials]
+
+    @property
+    def law(self) -> SolidLaw:
+        """See `BodyStresses`."""
+        used, plane = (self._scene.materials[material] for material, _ in self._materials), self.mesh.dimension == 2
+        materials = tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used)
+        profiles, thickness = profiles_of(self._scene, self._name, self.mesh), self._entry.thickness if plane else None
+        of_plane = (Quantity.of(1.0 if thickness is None else thickness), profiles.size)
+        return SolidLaw(materials, profiles.modulus, of_plane)
+
+    def everywhere(self) -> SolidStrains:
+        """See `BodyStresses`."""
+        return SolidStrains.at_nodes(self.mesh, self._cells, np.arange(self.mesh.n_nodes))
+
+    def in_middles(self) -> SolidStrains:
+        """See `BodyStresses`."""
+        return SolidStrains.in_cells(self.mesh, self._cells)
+
+    def at_place(self, place: np.ndarray) -> SolidStrains | None:
+        """See `BodyStresses`."""
+        return SolidStrains.at_place(self.mesh, self._cells, place)
+
+    def in_group(self, name: str, entry: str) -> SolidStrains:
+        """See `BodyStresses`."""
+        return SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.faces(name, entry)))
+
+    def in_region(self, name: str, entry: str) -> SolidStrains:
+        """See `BodyStresses`."""
+        cells = self.mesh.region(name, entry)
+        points = SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.cells[cells]))
+        return points.within(self._cells, cells)
+
+
+class BeamStresses(BodyStresses):
+    """Those of a body of beams."""
+
+    def __init__(self, scene: Scene, body: Beam) -> None:
+        super().__init__(scene, body.name)
+        self.mesh, self._body = body.mesh, body
+
+    @property
+    def law(self) -> BeamLaw:
+        """See `BodyStresses`."""
+        if self._entry.material is None:
+            return BeamLaw(None, None, False)
+        section = self._entry.section
+        return BeamLaw(Quantity.of(self._scene.materials[self._entry.material].E), section.reach, section.round)
+
+    @property
+    def _held(self) -> set[int]:
+        """The nodes that joints, effects or outputs hold."""
+        return {self.mesh.point(point, entry) for point, entry in points_used(self._scene, self._name).items()}
+
+    def everywhere(self) -> BeamStrains:
+        """See `BodyStresses`."""
+        return BeamStrains.at_ends(self._body, self._held)
+
+    def in_middles(self) -> BeamStrains:
+        """See `BodyStresses`."""
+        return BeamStrains.in_middles(self._body)
+
+    def at_place(self, place: np.ndarray) -> BeamStrains | None:
+        """See `BodyStresses`."""
+        return BeamStrains.at_place(self._body, place, self._held)
+
+    def in_group(self, name: str, entry: str) -> BeamStrains:
+        """See `BodyStresses`."""
+        return BeamStrains.at_ends(self._body, self._held, np.array([self.mesh.point(name, entry)]))
+
+    def in_region(self, name: str, entry: str) -> BeamStrains:
+        """A scene asks for no region of beams."""
+        raise NotImplementedError(entry)
+
+
+class Recovered:
+    """What a body hands out that has a few coordinates for its mesh; see `bodies.body.Body`."""
+
+    name: str
+    #: What brings it back to its mesh, where that is known.
+    recovery: Recovery | None
+
+    @property
+    def drawn(self) -> SolidMesh | LineMesh | None:
+        """See `Body`."""
+        return None if self.recovery is None else self.recovery.mesh
+
+    def stresses(self, scene: Scene) -> BodyStresses | None:
+        """See `Body`."""
+        if self.recovery is None:
+            return None
+        carrier = self.recovery.carrier
+        return CellStresses(scene, self.name, carrier) if isinstance(carrier, SolidMesh) else carrier.stresses(scene)
+
+    @property
+    def answered(self) -> bool:
+        """See `Body`."""
+        return self.recovery is None or self.recovery.answered
+
+    @property
+    def by_node(self) -> np.ndarray:
+        """See `Body`."""
+        return self.recovery.by_node
+
+
+Points = np.ndarray  # what is known at points, shape (n_points, n_components, n)
+
+
+def hooke(strains: Points, lame: Lame) -> Points:
+    """Return stresses over Young's modulus, components as those of the strains (`solid_strains`)."""
+    d = 2 if strains.shape[1] == 3 else 3
+    found = 2.0 * lame.shear * strains
+    found[:, :d] += lame.first * strains[:, :d].sum(axis=1, keepdims=True)
+    return found
+
+
+def von_mises(stresses: Points) -> np.ndarray:
+    """Return von Mises' stress, shape (n_points, n)."""
+    if stresses.shape[1] == 3:
+        xx, yy, xy = np.moveaxis(stresses, 1, 0)
+        return np.sqrt(np.maximum(xx**2 + yy**2 - xx * yy + 3.0 * xy**2, 0.0))
+    xx, yy, zz, *shear = np.moveaxis(stresses, 1, 0)
+    across = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.sqrt(0.5 * across + 3.0 * sum(part**2 for part in shear))
+
+
+def principal(stresses: Points, largest: bool) -> np.ndarray:
+    """Return the largest or the smallest principal stress, tension positive, shape (n_points, n).
+
+    In space the three are ``p + 2 q cos(phi + 2 pi k / 3)`` with the mean p, ``6 q^2 = |S|^2`` of the deviator S and
+    ``cos(3 phi) = det(S) / (2 q^3)`` (Smith 1961): of all points at once, to round-off of the largest stress but where
+    two are equal to its root.
+    """
+    if stresses.shape[1] == 3:
+        xx, yy, xy = np.moveaxis(stresses, 1, 0)
+        reach = np.hypot(0.5 * (xx - yy), xy)
+        return 0.5 * (xx + yy) + (reach if largest else -reach)
+    xx, yy, zz, xy, xz, yz = np.moveaxis(stresses, 1, 0)
+    mean = (xx + yy + zz) / 3.0
+    xx, yy, zz = xx - mean, yy - mean, zz - mean
+    q = np.sqrt((xx**2 + yy**2 + zz**2 + 2.0 * (xy**2 + xz**2 + yz**2)) / 6.0)
+    unit = np.where(q > 0.0, q, 1.0)  # of a pressure alone any direction is principal
+    xx, yy, zz, xy, xz, yz = (part / unit for part in (xx, yy, zz, xy, xz, yz))
+    det = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    phi = np.arccos(np.clip(0.5 * det, -1.0, 1.0)) / 3.0
+    return mean + 2.0 * q * np.cos(phi + (0.0 if largest else 2.0 * np.pi / 3.0))
+
+
+def outermost(axial: np.ndarray, bending: np.ndarray, largest: bool) -> np.ndarray:
+    """Return the normal stress in the fibre that is stretched most or least, for that of the axial force and the
+    largest one of bending, of one shape."""
+    return axial + bending if largest else axial - bending
