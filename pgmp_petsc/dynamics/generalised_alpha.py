@@ -216,7 +216,7 @@ class GeneralisedAlpha:
             )
             at[together] += n_steps[together]
             stuck = together & (outcome != Outcome.DONE)
-            for number in np.unique(at[stuck]).tolist():
+            for number in sorted(set(at[stuck].tolist())):
                 there = stuck & (at == number)
                 self._advance_with_care(number, there, outcome)
                 self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
