@@ -31,7 +31,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.inputs import read_rom
 

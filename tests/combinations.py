@@ -95,6 +95,7 @@ FEATURES = {
     ),
     "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),
     "stop": ('effects.x={{type="end_stop",joint="{drive}",lower=-0.5,upper=0.7,stiffness=1e3,damping=0.1}}',),
+    "free play": ('effects.x={{type="free_play",joint="{drive}",lower=-0.1,upper=0.1,stiffness=50.0,damping=0.1}}',),
     "bushing": (
         'effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",
@@ -131,6 +132,10 @@ FEATURES = {
     "rotation": ('outputs.x={{type="rotation",point="{last}:tip"}}',),
     "distance": ('outputs.x={{type="distance",points=["ground:origin","{last}:tip"]}}',),
     "displacement": ('outputs.x={{type="displacement",point="{last}:tip",axis="y"}}',),
+    "speed": (
+        'outputs.x={{type="speed",point="{last}:tip",axis="y"}}',
+        'outputs.y={{type="speed",joint="{drive}"}}',
+    ),  # fmt: skip
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "stress": (
         'outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',

@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import hypothesis
@@ -156,3 +156,19 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def parallel_scripts() -> Path:
     """Return the directory of the scripts that tests run on several ranks."""
     return SCRIPTS
+
+
+@pytest.fixture
+def no_plugins() -> Iterator[None]:
+    """Forget the plugins of a test: other tests list what there is."""
+    from pgmp_petsc.declare.ideas import FAMILIES, WHEN_GROWN
+    from pgmp_petsc.runtime.plugins import IN_USE
+
+    before = [dict(zip(family.names, family.found())) for family in FAMILIES], dict(IN_USE)
+    yield
+    for family, classes in zip(FAMILIES, before[0]):
+        family.classes = classes
+    IN_USE.clear()
+    IN_USE.update(before[1])
+    for told in WHEN_GROWN:
+        told()

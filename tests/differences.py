@@ -42,10 +42,11 @@ def outputs_of(model: ReducedModel, values: dict[str, float]) -> dict[str, np.nd
     rows = []
 
     def keep(number: int, time: float, state: State) -> None:
-        rows.append(state.q[0].copy())
+        rows.append((state.q[0].copy(), state.v[0].copy()))
 
     integrate(ToRoundOff(system), model.scene.simulation, observer=keep)
-    return model.outputs.evaluate(model.observed_of(np.array(rows), values))
+    eta, v = np.array(rows).swapaxes(0, 1)
+    return model.outputs.evaluate(model.observed_of(eta, values, v))
 
 
 def differences(model: ReducedModel, name: str, share: float) -> dict[str, np.ndarray]:

@@ -26,11 +26,6 @@ def jacobian(joint: Sequence[Statement], a: np.ndarray, b: np.ndarray) -> np.nda
     return np.array([part.gradient(a, b) for part in joint])
 
 
-def hessian(joint: Sequence[Statement], a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the second derivatives, shape (n_constraints, 2 d (d + 1), 2 d (d + 1), ...)."""
-    return np.array([part.hessian(a, b) for part in joint])
-
-
 def lengths(joint: Sequence[Statement]) -> np.ndarray:
     """Return which constraints are measured in m, shape (n_constraints,)."""
     return np.array([part.is_length for part in joint])

@@ -40,7 +40,7 @@ from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 

@@ -176,7 +176,7 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
     if scene:
         return found.record.scene_toml.rstrip()
     from pgmp_petsc.results.summary import origin_of
-    from pgmp_petsc.runtime.timings import Timings
+    from pgmp_petsc.runtime.resources import Timings
 
     record, path = found.record, found.path
     parameters = ", ".join(f"{name} = {value:g}" for name, value in record.parameters.items())

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.errors import InputError, visible
-from pgmp_petsc.runtime.installed import alone, has_petsc, is_communicator
 from pgmp_petsc.runtime.petsc import petsc_runs, start_mpi, start_petsc
+from pgmp_petsc.runtime.surroundings import alone, has_petsc, is_communicator
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -135,8 +135,7 @@ def schema(output: str | PathLike[str] | None = None, *, comm: MPI.Comm | None =
 
 def _write_schema(output: Path | None) -> str:
     """Write the page or the schema; by one process."""
-    from pgmp_petsc.scene.editor_schema import schema_text  # few ask for it
-    from pgmp_petsc.scene.reference_page import reference_page
+    from pgmp_petsc.scene.reference_page import reference_page, schema_text  # few ask for it
 
     if output is None:
         return schema_text()

@@ -45,8 +45,7 @@ from pgmp_petsc.dynamics.alpha_step import n_first_steps
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.refinement import refined
+from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -236,8 +235,8 @@ class Bench:
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
 
     def _run(self, cases: Sequence[Case], setting: Setting) -> None:
-        """Do the runs that are missing; samples of a model other than a reduced one that leave the range of their
-        coordinate have no numbers."""
+        """Do the runs that are missing; what candidates are compared with has no numbers of samples that leave the
+        range of their coordinate."""
         todo = [case for case in cases if (case, setting) not in self._ran]
         if not todo:
             return
@@ -259,7 +258,8 @@ class Bench:
         else:
             key = (self.full_model.name, case, setting)
             history = self._kept("reference", key, lambda: Measured(history_of(case, setting, model))).history
-        history.outputs[..., ~history.inside] = np.nan
+        if self._subject is not None:  # a candidate cannot follow them there
+            history.outputs[..., ~history.inside] = np.nan
         return history
 
     def _kept(self, kind: str, key: object, make: Callable[[], Measured]) -> Measured:
@@ -336,8 +336,8 @@ class Bench:
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
         start, exact = perf_counter(), Setting("reference", trial.n_steps)
-        names = tuple(name for name in self._names(loads) if name not in trial.errors.loads)
-        if not names:
+        names = tuple(dict.fromkeys((*trial.errors.loads, *self._names(loads))))
+        if names == trial.errors.loads:
             return trial
         self._run([self.training.case(self.scene, name) for name in names], exact)
         errors, reason = self._endless(names), trial.reason
@@ -348,14 +348,8 @@ class Bench:
                     reason = reason or self._failures(names, trial.setting)
             except RunError as error:
                 trial, reason = replace(trial, built=False), str(error)
-        together = replace(
-            errors,
-            values=np.concatenate([trial.errors.values, errors.values]),
-            round_off=np.concatenate([trial.errors.round_off, errors.round_off]),
-            loads=(*trial.errors.loads, *names),
-        )
         seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
-        return replace(trial, errors=together, reason=reason, seconds=seconds)
+        return replace(trial, errors=errors, reason=reason, seconds=seconds)
 
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         """Compare a candidate with the full-order model at another step."""

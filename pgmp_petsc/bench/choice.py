@@ -42,8 +42,7 @@ from pgmp_petsc.bench.step_choice import (
     StepChoice,
     first_steps,
 )
-from pgmp_petsc.bodies.line_bodies import at_lengths
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -51,7 +50,7 @@ from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
@@ -255,8 +254,9 @@ def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     worst = max(apart, key=apart.__getitem__, default="")
     if apart and apart[worst] > SPARE * tolerance:
         return [
-            f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in {worst}, "
-            f'more than {SPARE:g} of the tolerance: against the mesh it may not hold (reference.model = "mesh")'
+            f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in "
+            f'{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold '
+            '(reference.model = "mesh")'
         ]
     if errors is None:
         return ["what finer meshes would change is no part of the tolerance, and was not measured"]

@@ -128,7 +128,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
         if step % every:
             return
         if reduced:  # what is observed of reduced samples is cheap only for many at once
-            kept.append(state.q.copy())
+            kept.append(np.array([state.q, state.v]))
             return
         frames = model.frames(system, state)
         kept.append(model.observed_over(system, [state], frames))
@@ -137,7 +137,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
     if reduced:
         every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
-        observed = model.observed_of(np.concatenate(kept), every_time)
+        eta, v = np.concatenate(kept, axis=1)
+        observed = model.observed_of(eta, every_time, v)
         inside = np.ones(n_samples, dtype=bool)
     else:
         observed = np.concatenate(kept, axis=-1)

@@ -50,9 +50,9 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress, without_progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import length_names, with_numbers
 

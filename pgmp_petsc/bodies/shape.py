@@ -1,12 +1,21 @@
-"""What a body is made from: a mesh, matrices, or what was made of one already, condensed or in a floating frame."""
+"""What a body is made from: a mesh, matrices, or what was made of one already, condensed or in a floating frame.
+
+Meshes of bodies that are straight lines, whose length may be a parameter.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
 
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.scene import Scene
 
 #: What is condensed.
 ContinuumShape = SolidMesh | Assembled
@@ -41,3 +50,27 @@ def has_long_axis(shape: BodyShape) -> bool:
 def given_properties(shape: BodyShape | None) -> MassProperties | None:
     """Return the mass properties of matrices at factors of 1; None of other shapes."""
     return shape.properties if isinstance(shape, Assembled) else None
+
+
+AnyShape = TypeVar("AnyShape")
+
+
+def at_lengths(scene: Scene, meshes: Mapping[str, AnyShape]) -> dict[str, AnyShape]:
+    """Return the meshes of a scene's bodies with the lengths of its run (``scene.values``); as many cells, all equal.
+
+    Bodies whose length is a number keep their mesh, whatever it is.
+    """
+    found = dict(meshes)
+    for name, body in scene.bodies.items():
+        if body.line is not None and isinstance(body.line.length, str):
+            length, n_cells = scene.number(body.line.length), len(meshes[name].cells)
+            found[name] = straight_beam(length, n_cells, body.line.start, body.dimension)
+    return found
+
+
+def length_share(scene: Scene, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    """Return how often its length in the scene's run a body has with parameter values, numbers or of shape (n,)."""
+    line = scene.bodies[name].line
+    if line is None or not isinstance(line.length, str):
+        return 1.0
+    return scene.number(line.length, values) / scene.number(line.length)

@@ -3,7 +3,6 @@
 The interface logs what it does on the way, which goes on as it is. A result is with the first rank alone, which prints
 its report, or its figures as JSON and nothing else.
 
-
 Commands of click from declarations: words and options by the kinds of arguments, values as functions take them.
 """
 

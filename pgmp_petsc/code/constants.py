@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from pgmp_petsc.code.statements import (
     output_in_c,
 )
 from pgmp_petsc.declare.ideas import OUTPUTS
-from pgmp_petsc.dynamics import alpha_step, reduced_steps
+from pgmp_petsc.dynamics import alpha_step, edge_search, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_actions import nodes_of
 from pgmp_petsc.dynamics.second_order_system import Scheme
@@ -158,7 +159,6 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     scene = checked_scene(model.scene, what)
     if scene is not model.scene:
         model = ReducedModel(scene, model.rom, model.kinematics)
-    check_model(model, what)
     terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
     held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.connection.sides)}
@@ -173,6 +173,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     closure, wanted = closure_of(kinematics)
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
+    first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     counts = {
         "N_LOADS": len(loads),
         "N_STRENGTHS": len(over_time),
@@ -181,6 +182,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_ACTION_NODES": len(held),
         "N_CLOSURE": len(closure),
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
+        "N_EDGES": first_edges[-1],
+        "MOST_EDGES": max([0, *(len(action.law.edges) for action in actions)]),
         "RUBS": int(any(action.law.about_zero for action in actions)),
     }
     return Constants(
@@ -201,7 +204,10 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         coordinates=coordinates_of(kinematics, slots),
         closure=closure,
         closure_wanted=wanted,
-        actions=[action_in_c(a, held, slots, list(over_time), turns) for a, turns in zip(actions, winding)],
+        actions=[
+            action_in_c(action, edge, held, slots, list(over_time), turns)
+            for action, edge, turns in zip(actions, first_edges, winding)
+        ],
         action_slots=[slots[node] for node in held],
         outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
         output_units=model.outputs.units,
@@ -319,6 +325,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "N_LOAD_TERMS": len(terms.tables.load_weights),
         "N_PARAMETERS": len(tunable(model.scene)),
         "N_OUTPUTS": len(model.scene.outputs),
+        "READS_RATES": int(model.outputs.n_rates > 0),
         "N_SHAPES": tables["shapes_table"].shape[2],
         "N_BODIES": tables["branch_table"].shape[2],
         "N_BRANCH_PARTS": len(tables["branch_table"]),
@@ -345,8 +352,6 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "ALPHA_F": scheme.alpha_f,
         "BETA": scheme.beta,
         "GAMMA": scheme.gamma,
-        "GAIN_V": scheme.gain_v,
-        "GAIN_A": scheme.gain_a,
         "CORRECTIONS": CORRECTIONS,
         "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
         "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
@@ -355,6 +360,10 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
+        "MAX_EVENTS": edge_search.MAX_EVENTS,
+        "SHORTEST": edge_search.SHORTEST,
+        "TIME_TOLERANCE": edge_search.TIME_TOLERANCE,
+        "MAX_TRIALS": edge_search.MAX_TRIALS,
         "LONGEST": alpha_step.LONGEST,
         "ROUND_OFF": alpha_step.ROUND_OFF,
         "PROBED_EVERY": alpha_step.PROBED_EVERY,
@@ -375,27 +384,17 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     """
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
-    left = {name: output for name, output in scene.outputs.items() if output.reads == "frames"}
+    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
 
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads != "frames"]
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads == "frames")
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
     return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
-
-
-def check_model(model: ReducedModel, what: str) -> None:
-    """Raise `InputError` if a model has local effects whose laws a model in C does not have."""
-    for number, _ in model.actions.edges:
-        name = model.actions.actions[number].effect
-        raise InputError(
-            f"effects.{name}: an {model.scene.effects[name].type}, whose contact is searched within a step; a model in "
-            f"C does the same work in every step, so {what} cannot be written. Build without it"
-        )
 
 
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:

@@ -53,7 +53,7 @@ def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler
     identifier = identifier if re.match(r"[A-Za-z_]", identifier) else f"model_{identifier}"
     own = f"fmi{version}.c"
     texts = {name: text for name, text in sources_of(constants).items() if name != "main.c"}
-    texts |= {name: read_common(name) for name in ("unit.h", "unit.c", own)}
+    texts |= {name: read_common(name) for name in ("unit.h", "unit.c", "fmi.h", own)}
     token = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
     texts["fmu.h"] = f'{HEAD}#define FMU_GUID "{token}"\n'
     files = (own, "unit.c", *COMPILED)

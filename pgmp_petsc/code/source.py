@@ -184,12 +184,13 @@ def _statement(part: StatementInC) -> str:
 
 
 def _output(output: Output) -> str:
-    where = f"{output.kind}, {output.axis}, {int(output.in_body)}, {_number(output.origin)}"
+    where = f"{output.kind}, {output.axis}, {int(output.in_body)}, {int(output.rate)}, {_number(output.origin)}"
     return f"{{{where}, {_statement(output.statement)}}}"
 
 
 def _action(action: ActionInC) -> str:
-    who = ", ".join(map(str, (*action.nodes, action.strength, f"law_{action.law.name}")))
+    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges))
+    who = ", ".join(map(str, (*numbers, f"law_{action.law.name}")))
     return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 

@@ -53,24 +53,28 @@ class StatementInC:
 
 @dataclass(frozen=True, eq=False)
 class ActionInC:
-    """A local effect: numbers of its nodes among those of all effects, and of its strength, -1 where it has none."""
+    """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of the
+    first edge of its law among those of all."""
 
     statement: StatementInC
     nodes: tuple[int, int]
     law: Law
     strength: int
+    edge: int
     winding: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """An output: kind, statement or point (side b), axis, whether that is one of the body, and what counts as zero."""
+    """An output: kind, statement or point (side b), axis, whether that is one of the body, what counts as zero, and
+    whether it is the rate of all this."""
 
     kind: str
     statement: StatementInC
     axis: int = 0
     in_body: bool = False
     origin: float = 0.0
+    rate: bool = False
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
@@ -89,8 +93,9 @@ def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[fl
 
 
 def action_in_c(
-    action: Action, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str], winding: np.ndarray
-) -> ActionInC:
+    action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
+    winding: np.ndarray,
+) -> ActionInC:  # fmt: skip
     """Return a local effect; `nodes` are those of all of them, `strengths` the names of what acts over time."""
     a, b = action.sides
     return ActionInC(
@@ -98,6 +103,7 @@ def action_in_c(
         tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b)),
         action.law,
         -1 if action.amplitude is None else strengths.index(action.effect),
+        edge,
         tuple(float(turns) for turns in winding),
     )
 
@@ -107,9 +113,8 @@ def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Out
     kinematics, reading = model.kinematics, model.outputs.functions[name]
     a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
     statement = reading.statement or distance(kinematics.mechanism.space.dimension)
-    return Output(
-        reading.kind, StatementInC(statement, a, b, _near(reading.turns)), reading.axis, reading.in_body, reading.origin
-    )
+    in_c = StatementInC(statement, a, b, _near(reading.turns))
+    return Output(reading.kind, in_c, reading.axis, reading.in_body, reading.origin, reading.rate)
 
 
 def _near(turns: JointTurns | None) -> tuple[float, ...]:

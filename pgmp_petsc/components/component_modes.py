@@ -57,8 +57,8 @@ from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.matrices import times
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.petsc import times
+from pgmp_petsc.runtime.resources import Timings
 
 if TYPE_CHECKING:
     from mpi4py import MPI

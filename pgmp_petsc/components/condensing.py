@@ -29,12 +29,11 @@ from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings, free_share
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import stressed_bodies
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -21,10 +21,9 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.inertia_moments import linear_fields
-from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
+from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.component_modes import (
     condense,
     foreshortened,
@@ -35,10 +34,10 @@ from pgmp_petsc.components.component_modes import (
 from pgmp_petsc.components.condensing import check_slender, serving_points
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.stress_checks import points_used, stressed_bodies
+from pgmp_petsc.scene.effect_checks import points_used, stressed_bodies
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -15,7 +15,7 @@ twists it. The energy of third order in bending and stretching, ``1/2 W3[B xi, B
 straight beam is as long as before. Forces at its ends and inertia forces do work on c, which is what stiffens a
 spinning or stretched body. It is ``-W3`` contracted with the body's stretching by these forces.
 
-It is the same for beams, whose W3 follows from strains (`bodies.third_derivative`), and for bodies of cells
+It is the same for beams, whose W3 follows from strains (`bodies.matrices`), and for bodies of cells
 (`bodies.large_deformation`). The fields answer forces at frames and inertia forces of rigid motion statically, so that
 these do all of their work on c.
 """

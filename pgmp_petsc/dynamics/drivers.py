@@ -16,8 +16,8 @@ import numpy as np
 
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.installed import has_petsc
 from pgmp_petsc.runtime.petsc import as_raised, options_of, petsc_solver
+from pgmp_petsc.runtime.surroundings import has_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI

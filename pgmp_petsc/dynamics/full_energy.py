@@ -105,8 +105,10 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
     for k in range(q.shape[0]):
         block, result = blocks[k], table[k]
         powers = result[OF_EFFECTS:modal]
-        _add_elements(problem.elements, problem.width, problem.section, block, q[k], v[k], result)
-        _add_lumps(problem.lumps, problem.width, problem.section, block, v[k], result)
+        if problem.elements.length.size:
+            _add_elements(problem.elements, problem.width, problem.section, block, q[k], v[k], result)
+        if problem.lumps.dofs.size:
+            _add_lumps(problem.lumps, problem.width, problem.section, block, v[k], result)
         if problem.solids.region.size:
             add_energies(problem.solids, block, q[k], v[k], result[KINETIC], result[STRAIN], powers)
         if problem.beams.length.size:
@@ -115,10 +117,11 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
             )
         if problem.masses.body.size:
             add_energies_of_masses(problem.masses, problem.rayleigh, block, v[k], result[KINETIC], powers)
-        add_energies_of_floating(
-            problem.floating, problem.width, problem.dimension, problem.rayleigh, block, strengths.loads[k], q[k],
-            v[k], result, powers, result[loads:actions],
-        )  # fmt: skip
+        if problem.floating.body.size:
+            add_energies_of_floating(
+                problem.floating, problem.width, problem.dimension, problem.rayleigh, block, strengths.loads[k], q[k],
+                v[k], result, powers, result[loads:actions],
+            )  # fmt: skip
         if n_modal:
             add_modal_damping(problem.modal, problem.dimension, q[k], v[k], unwanted, nowhere, result[modal:loads])
             for body in range(n_modal):

@@ -193,7 +193,7 @@ def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagon
             at += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_floating(
     floating, width, d, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
 ):  # fmt: skip
@@ -201,8 +201,6 @@ def add_floating(
 
     `amplitudes` are those of the loads, (n_loads,), and `share` what part of them acts.
     """
-    if floating is None:
-        return
     q, v, a, tables = items(q, width), items(v, width), items(a, width), items(floating.table, width)
     weights, x = items(floating.gravity, width), items(x, width)
     diagonal, lower = items(diagonal, width), items(lower, width)
@@ -241,8 +239,6 @@ def add_floating(
 def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
-    if floating is None:
-        return
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
     falls = items(floating.gravity, width)

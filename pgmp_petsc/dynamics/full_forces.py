@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
 from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.effects.action import Actions
@@ -133,6 +134,10 @@ class Acted(NamedTuple):
     depths: np.ndarray
 
 
+_MATRIX = types.float64[:, ::1]
+_ACTED = types.NamedTuple((types.float64[:, :, ::1], _MATRIX, _MATRIX, _MATRIX, _MATRIX), Acted)
+
+
 @njit(error_model="numpy", forceinline=True)
 def add_loads(loads, width, block, amplitudes, share, x, place):
     """Take a share of the loads with amplitudes (n_loads,) from x, shape (n, n_lanes) in elimination order."""
@@ -142,7 +147,7 @@ def add_loads(loads, width, block, amplitudes, share, x, place):
         x[place[loads.dofs[entry]]] -= share * loads.values[entry] * amplitudes[number] * weights[block, number]
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, apart=_ACTED, error_model="numpy")
 def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
     """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
 

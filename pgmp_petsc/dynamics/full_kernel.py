@@ -99,8 +99,7 @@ class FullProblem(NamedTuple):
         2 or 3.
     elements, lumps, solids, beams, masses, floating, loads, actions, modal, constraints
         What there is: beams and masses of nodes in the plane, continuum elements, beams and masses in space, bodies in
-        floating frames, and what acts on them. Of bodies in floating frames None where there are none: the equations
-        are then of another type, for which their terms are not compiled.
+        floating frames, and what acts on them. The terms of a kind are compiled where there is one.
     angles
         Statements of the angles of the coordinates in space, where nothing else counts turns.
     pattern
@@ -122,7 +121,7 @@ class FullProblem(NamedTuple):
     solids: Solids
     beams: Beams
     masses: Masses
-    floating: FloatingBodies | None
+    floating: FloatingBodies
     loads: Loads
     actions: BlockActions
     modal: ModalFactors
@@ -167,7 +166,7 @@ def _plus(x, factor, y):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     q, v, a, sections = items(q, width), items(v, width), items(a, width), items(sections, width)
@@ -268,10 +267,11 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
         add_beams(problem.beams, width, problem.rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.masses.body.size:
         add_masses(problem.masses, width, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
-    add_floating(
-        problem.floating, width, problem.dimension, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
-        fresh, x, place, diagonal, lower,
-    )  # fmt: skip
+    if problem.floating.body.size:
+        add_floating(
+            problem.floating, width, problem.dimension, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
+            fresh, x, place, diagonal, lower,
+        )  # fmt: skip
     if problem.actions.counted.size:
         of_actions = turns[problem.angles.dofs.shape[0] :]
         add_actions(

@@ -251,9 +251,8 @@ def _of_cells(share: Share, solid: Solid, region: Region) -> list[np.ndarray]:
 
 def floating_bodies(
     share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Weights]]
-) -> tuple[FloatingBodies | None, Pattern]:
-    """Return the flexible bodies in floating frames, None without any; `gravity` are effects with the numbers of their
-    loads."""
+) -> tuple[FloatingBodies, Pattern]:
+    """Return the flexible bodies in floating frames; `gravity` are effects with the numbers of their loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
     firsts, numbers, dofs, tables = [np.zeros(3, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
     rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
@@ -275,8 +274,6 @@ def floating_bodies(
         counted.append(share.owns(own)[0, 0])
         firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size])
     pattern = np.concatenate(rows), np.concatenate(columns)
-    if not numbers:
-        return None, pattern
     falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
     part = FloatingBodies(
         np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int), share.blocks.pack(np.concatenate(tables)),
@@ -299,7 +296,7 @@ def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
     line = beams.section[:, beams.body[beams.counted], N_SECTION:]
     total += np.einsum("kebl,e->kl", line, 2.0 * beams.length[beams.counted])
     total += 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
-    for k in np.flatnonzero(problem.floating.counted) if problem.floating is not None else ():
+    for k in np.flatnonzero(problem.floating.counted):
         total += _mass_of_floating(problem, k)
     return total
 

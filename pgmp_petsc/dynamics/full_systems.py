@@ -48,8 +48,8 @@ from pgmp_petsc.effects import Effect, Held, Motion, driven
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.lane_items import aligned
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.runtime.vectors import aligned_zeros
 
 if TYPE_CHECKING:

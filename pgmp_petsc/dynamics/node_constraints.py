@@ -286,7 +286,7 @@ def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fr
                     x[place[n_dofs + number], lane] += scale[lane] * missed
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, apart=True, error_model="numpy")
 def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what ties of frames give; see `add_constraints` and `FrameTies`."""
     n_dofs, n_lanes = q.shape

@@ -13,6 +13,7 @@ gives it by value. Arrays are contiguous, and are not counted as in use: the obj
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,8 @@ def _type_of(part: Any) -> types.Type:
     if isinstance(part, np.ndarray):
         key = _kind_of(part)
         if key not in _TYPES:
+            if not part.flags.c_contiguous:
+                raise ValueError(f"an array of shape {part.shape} is not contiguous: its strides are not in the table")
             _TYPES[key] = typeof(part)
         return _TYPES[key]
     if not isinstance(part, tuple):
@@ -101,7 +104,8 @@ class ReferenceType(types.Type):
 
     def __init__(self, parts: types.NamedTuple) -> None:
         self.parts = parts
-        super().__init__(name=f"Reference({parts})")
+        # stands in the name of every function that takes it, several times in the text that LLVM reads
+        super().__init__(name=f"Reference({hashlib.sha256(str(parts).encode()).hexdigest()[:16]})")
 
 
 @typeof_impl.register(Reference)

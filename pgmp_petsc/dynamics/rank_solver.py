@@ -11,8 +11,8 @@ import numpy as np
 
 from pgmp_petsc.dynamics.layout import RankLayout
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.installed import needs_petsc
 from pgmp_petsc.runtime.petsc import petsc_solver
+from pgmp_petsc.runtime.surroundings import needs_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI

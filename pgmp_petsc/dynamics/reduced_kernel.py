@@ -14,6 +14,7 @@ import numpy as np
 from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
+from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
 from pgmp_petsc.runtime.compiled import njit
@@ -200,6 +201,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
     size
         Result: size of the correction, 0 where there is none, (n_blocks, LANES).
     """
+    equations, memory = loaded(equations), loaded(memory)
     gain_v, gain_a = spread(gains[0]), spread(gains[1])
     work = allocate(equations.layout)
     for block in range(active.size):
@@ -234,6 +236,7 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
     known
         Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
     """
+    equations, memory = loaded(equations), loaded(memory)
     work, n_actions = allocate(equations.layout), amplitudes.shape[1]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
     now = empty_lanes(n_actions, LANES)
@@ -258,9 +261,10 @@ def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, k
                             known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def evaluate_residual(equations, memory, strengths, state, result):
     """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force."""
+    equations, memory = loaded(equations), loaded(memory)
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
@@ -270,9 +274,10 @@ def evaluate_residual(equations, memory, strengths, state, result):
         scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def fill_matrices(equations, memory, strengths, state, gain_a):
     """Fill the iteration matrices of ``memory.matrix``, not factorised and without gain of the velocities."""
+    equations, memory = loaded(equations), loaded(memory)
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)

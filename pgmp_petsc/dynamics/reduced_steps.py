@@ -37,6 +37,7 @@ from pgmp_petsc.dynamics.edge_search import (
     look_at_all,
 )
 from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of
+from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.dynamics.status import Outcome
 from pgmp_petsc.effects.law import rubs
@@ -241,6 +242,7 @@ def advance(equations, memory, strengths, functions, scheme, steps, state, bound
     progress
         Result.
     """
+    equations, memory = loaded(equations), loaded(memory)
     n = equations.layout.n_eta
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), n)

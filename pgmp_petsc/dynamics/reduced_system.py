@@ -19,6 +19,7 @@ from pgmp_petsc.dynamics.action_kernel import ABOUT, FORCE, POWER, STORED, Actin
 from pgmp_petsc.dynamics.alpha_step import Stretch
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.generalised_alpha import Observer
+from pgmp_petsc.dynamics.part_reference import Reference
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Strengths, Weights
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
@@ -31,8 +32,9 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
+
 
 class ReducedLanes:
     """Samples in blocks of LANES, in an order that may change; no sample's numbers depend on its lane.
@@ -239,6 +241,7 @@ class ReducedSystem(SecondOrderSystem):
         prescribed = np.array([k in motions for k in layout.rigid])
         self._lanes = ReducedLanes(terms, self._actions, names, values, prescribed, n_samples)
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
+        self._passed = Reference(self._equations), Reference(self._memory)
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
         self._strengths = ReducedStrengths(
@@ -281,7 +284,7 @@ class ReducedSystem(SecondOrderSystem):
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         self._strengths.prescribe(time, state, active)
         self._act(time, state, scheme.gain_v, active, fresh)
-        return self._correct(self._equations, self._memory, self._strengths.at(time), state, scheme, active, fresh)
+        return self._correct(*self._passed, self._strengths.at(time), state, scheme, active, fresh)
 
     def begin_iteration(self) -> None:
         """Forget at which rates laws were evaluated; see `AlphaStep`."""
@@ -292,7 +295,7 @@ class ReducedSystem(SecondOrderSystem):
         return np.isnan(self._memory.known[:, ABOUT]).any(axis=1)
 
     def _correct(
-        self, equations: Equations, memory: Memory, strengths: Strengths, state: State, scheme: Scheme,
+        self, equations: Reference, memory: Reference, strengths: Strengths, state: State, scheme: Scheme,
         active: np.ndarray, fresh: bool,
     ) -> np.ndarray:  # fmt: skip
         """Do one Newton correction of some samples in place; return its size."""
@@ -335,8 +338,8 @@ class ReducedSystem(SecondOrderSystem):
             acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
         acting.balance[:] += self._lanes.packed(force.T)
         size = self._correct(
-            self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool)),
-            memory._replace(acting=acting),
+            Reference(self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool))),
+            Reference(memory._replace(acting=acting)),
             at_start,
             state,
             Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -362,7 +365,7 @@ class ReducedSystem(SecondOrderSystem):
         """
         self._act_on_all(time, state)
         result = np.empty_like(state.q)
-        evaluate_residual(self._equations, self._memory, self._strengths.at(time), _parts(state), result)
+        evaluate_residual(*self._passed, self._strengths.at(time), _parts(state), result)
         return result
 
     def depths(self, time: float, state: State) -> np.ndarray:
@@ -449,7 +452,7 @@ class ReducedSystem(SecondOrderSystem):
         scheme = stepper.scheme(stretch.step)
         state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None])
         advance(
-            self._equations, self._memory, self._strengths.over(stretch.ends), self._functions,
+            *self._passed, self._strengths.over(stretch.ends), self._functions,
             (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),
             state, self._bounds, self._lanes.sets(stretch.samples), progress,
         )  # fmt: skip
@@ -512,7 +515,7 @@ class ReducedSystem(SecondOrderSystem):
 
     def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
-        fill_matrices(self._equations, self._memory, self._strengths.at(time), _parts(state), gain_a)
+        fill_matrices(*self._passed, self._strengths.at(time), _parts(state), gain_a)
         return self._lanes.matrices()
 
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
@@ -531,7 +534,7 @@ class ReducedSystem(SecondOrderSystem):
         found, amplitudes = np.zeros((times.size, self.n_samples, 3, len(actions))), amplitudes_over(actions, times)
         if found.size:
             act_on(
-                self._equations, self._memory, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,
+                *self._passed, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,
             )  # fmt: skip
         return found

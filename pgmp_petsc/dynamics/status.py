@@ -22,10 +22,10 @@ class Status(IntEnum):
         """Return the reason in words."""
         return _MEANINGS[self]
 
-    @property
-    def cure(self) -> str:
-        """Return what helps against it, empty where it is fine."""
-        return _CURES[self]
+    def cure(self, model: str) -> str:
+        """Return what helps against it in runs of a model (its name), empty where it is fine."""
+        beyond = _BEYOND_THE_REDUCED.get(self, "") if model == "reduced" else ""
+        return _CURES[self] + beyond
 
 
 class Outcome(IntEnum):
@@ -53,14 +53,17 @@ _CURES = {
     Status.FINE: "",
     Status.UNPHYSICAL: "give the parameter bounds, which truncate its distribution",
     Status.NOT_CONVERGED: "take a smaller simulation.step",
-    Status.LEFT_RANGE: "widen the coordinate's range, and build a reduced model again; full-order and component "
-    "runs go on beyond it where no output is a deformation",
+    Status.LEFT_RANGE: "widen the coordinate's range",
     Status.NOT_FINITE: "look at the loads and the start; a deformation is no number where the rigid mechanism cannot "
     "close",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; build with stretching = "
     '"static" where it is "dynamic", with more reduction.angles or fewer reduction.modes where the build warned of a '
-    "matrix that is not positive definite, or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo "
-    "SCENE --full), or loads and parameters that bend less",
+    "matrix that is not positive definite, or loads and parameters that bend less",
     Status.NO_EQUILIBRIUM: 'hold the coordinates (initial.coordinates = "held"), or look at the loads at time zero',
+}
+_BEYOND_THE_REDUCED = {
+    Status.LEFT_RANGE: ", and build a reduced model again; full-order and component runs go on beyond it where no output "
+    "is a deformation",
+    Status.BROKE_DOWN: ", or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo SCENE --full)",
 }

@@ -9,6 +9,7 @@ gives the frames from its unknowns, the reduced one from its coordinates.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -48,7 +49,7 @@ class Action:
     Raises
     ------
     InputError
-        If the law has other parameters.
+        If the law has other parameters; with the file and line of who makes the action.
     """
 
     effect: str
@@ -62,8 +63,9 @@ class Action:
 
     def __post_init__(self) -> None:
         if len(self.parameters) != len(self.law.parameters):
+            maker = sys._getframe(2)
             raise InputError(
-                f"effects.{self.effect}: law {self.law.name} ({self.law.place}) has the parameters "
+                f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: law {self.law.name} ({self.law.place}) has the parameters "
                 f"{', '.join(self.law.parameters)}, and is given {len(self.parameters)}; give one for each"
             )
 

@@ -54,8 +54,7 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry
 from pgmp_petsc.scene.fields import Name, NotNegative, Number, no_parameter, refusal
-from pgmp_petsc.scene.findings import Finding, doubt
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import Finding, doubt, problem
 
 SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 

@@ -251,11 +251,11 @@ class Law(Printed):
             evaluate=python([*found, *edges], evaluated),
             slopes=python(slopes, lambda values: [*numbered("found", values), "return 0.0"]),
             edges=python(sum(of_edges, []), lambda values: [f"return {_rows(values, len(p) + 2)}"]),
-            c=self._in_c(found[:3], at_zero[:3], limit),
+            c=self._in_c(found[:3], at_zero[:3], edges, limit),
         )
 
-    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], limit: Any) -> str:
-        """Return the function that gives force, stiffness, damping and about in C."""
+    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], edges: Sequence[Any], limit: Any) -> str:
+        """Return the function that gives force, stiffness, damping, about and how far edges are crossed in C."""
         takes = "const double p[], double amplitude, double s, double rate, double about, double found[]"
         lines = [f"static void law_{self.name}({takes}) {{"]
         lines.append("    (void)p, (void)amplitude, (void)s, (void)about;")
@@ -263,8 +263,8 @@ class Law(Printed):
         lines += [f"    (void){name};" for name in self.parameters]
 
         def block(expressions: Sequence[Any], about: str, indent: str) -> list[str]:
-            parts, values = printed(expressions, in_c=True)
-            parts += [f"found[{k}] = {value};" for k, value in enumerate((*values, about))]
+            parts, values = printed([*expressions, *edges], in_c=True)
+            parts += [f"found[{k}] = {value};" for k, value in enumerate((*values[:3], about, *values[3:]))]
             return [f"{indent}{part}" for part in parts]
 
         if self.about_zero:

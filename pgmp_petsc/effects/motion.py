@@ -23,8 +23,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import harmonic_problems, unknown
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable, exactly_one, refusal
-from pgmp_petsc.scene.findings import Finding, doubt
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import Finding, doubt, problem
 
 
 class PrescribedMotion(Driving):

@@ -50,10 +50,8 @@ from pgmp_petsc.scene.fields import (
     exactly_one,
     refusal,
 )
-from pgmp_petsc.scene.findings import Finding, doubt, named
-from pgmp_petsc.scene.findings import refusal as impossible
 from pgmp_petsc.scene.joints import are_parallel
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import Finding, doubt, named, problem, refusal as impossible
 from pgmp_petsc.scene.numerics import Reduction
 
 #: Rotations that a bushing resists, and what a scene moves in.

@@ -17,7 +17,7 @@ from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
 from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 
 
 @dataclass(frozen=True)

@@ -50,9 +50,9 @@ from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 
 OVER_TIME = ("extremes", "first_passages")
 FEWEST_OF_TAIL = 50  # values
@@ -120,7 +120,7 @@ def describe_ensemble(
     may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units, scene.ensemble.failed_share, may_be_retried),
+        *failure_remarks(status, drawn, units, origin.model, scene.ensemble.failed_share, may_be_retried),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),

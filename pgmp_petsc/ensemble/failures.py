@@ -36,6 +36,7 @@ def failure_remarks(
     status: np.ndarray,
     parameters: Mapping[str, np.ndarray],
     units: Mapping[str, str],
+    model: str,
     hidden: float = 1.0,
     may_be_retried: bool = True,
 ) -> tuple[Remark, ...]:
@@ -49,6 +50,8 @@ def failure_remarks(
         Drawn values by name, each of shape (N,).
     units
         Of the parameters.
+    model
+        Name of the model that was run.
     hidden
         Largest share of failed samples that the others are described without.
     may_be_retried
@@ -62,7 +65,7 @@ def failure_remarks(
     for code in np.unique(status[failed]):
         reason, count = Status(code), int(np.sum(status == code))
         remarks.append(
-            warning(f"{count} of {n} samples failed (status {int(code)}): {reason.meaning}; cure: {reason.cure}")
+            warning(f"{count} of {n} samples failed (status {int(code)}): {reason.meaning}; cure: {reason.cure(model)}")
         )
     if n_failed == n:
         return (*remarks, warning("no sample is fine, so the outputs have no statistics"))

@@ -39,14 +39,13 @@ from pgmp_petsc.ensemble.watchers import (
     ValidityWatcher,
     Watcher,
 )
-from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import scene_to_toml
 
 if TYPE_CHECKING:

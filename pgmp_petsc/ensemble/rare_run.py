@@ -33,11 +33,11 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
+from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.spanning_values import uncertain_names
 
 if TYPE_CHECKING:

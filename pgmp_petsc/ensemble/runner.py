@@ -19,7 +19,7 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 
 if TYPE_CHECKING:
     from pgmp_petsc.ensemble.correction import Better

@@ -19,7 +19,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results.ensemble import Ensemble, Place, ShardSamples
 from pgmp_petsc.runtime.errors import InputError, Remark
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 CHECKSUM = 64  # characters

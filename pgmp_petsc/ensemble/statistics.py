@@ -16,7 +16,7 @@ from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.ensemble import DESCRIBED
 from pgmp_petsc.results.numbers import ROUND_OFF, sizes_of, with_unit
 from pgmp_petsc.results.statistics import Statistics
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 
 Columns = Mapping[str, np.ndarray]
 

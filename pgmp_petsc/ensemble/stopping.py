@@ -54,8 +54,8 @@ from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quanti
 from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
 from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.ensemble import Event
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
+from pgmp_petsc.scene.numerics import Event
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -21,18 +21,12 @@ from pgmp_petsc.dynamics.generalised_alpha import Observer, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
-from pgmp_petsc.indicator.member_errors import MemberIndicator, WatchedSamples
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.ensemble import Ensemble, Event
-from pgmp_petsc.scene.numerics import Simulation
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.numerics import Simulation
-
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
 Found = dict[str, dict[str, np.ndarray]]
@@ -341,7 +335,7 @@ class _OverTimeWatch(Observer):
         self._looks_always = bool(self._extremes or self._passages)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
         self.observer = self
-        # numbers and instants of steps, and the reduced coordinates at their ends, (n_t, n_samples, n_eta)
+        # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._n_waiting = 0
 
@@ -364,7 +358,7 @@ class _OverTimeWatch(Observer):
         for first in range(0, looked_at.size, together):
             some = looked_at[first : first + together]
             self._n_waiting += some.size
-            self._waiting.append((numbers[some], times[some], trail[some, 0]))
+            self._waiting.append((numbers[some], times[some], trail[some, :2]))
             if self._n_waiting >= together:
                 self._evaluate()
 
@@ -380,10 +374,11 @@ class _OverTimeWatch(Observer):
             return
         numbers, times, states = (np.concatenate(parts) for parts in zip(*self._waiting))
         self._waiting, self._n_waiting = [], 0
-        n = states.shape[1]
+        n = states.shape[2]
         values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
         with np.errstate(all="ignore"):  # as above
-            found = self._model.outputs.evaluate(self._model.observed_of(states.reshape(numbers.size * n, -1), values))
+            eta, v = np.moveaxis(states, 1, 0).reshape(2, numbers.size * n, -1)
+            found = self._model.outputs.evaluate(self._model.observed_of(eta, values, v))
         self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
 
     def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:

@@ -2,7 +2,6 @@
 
 A triangle stands below the ends of bodies that the ground holds.
 
-
 The shape of the mechanism at several instants, as a fan of positions coloured by time.
 
 The assembled mechanism with the names of its bodies, joints and points, for `pgmp check --plot`.

@@ -2,7 +2,6 @@
 
 A face of a quadratic cell has nodes between its corners: its edges are drawn as two straight pieces each.
 
-
 What is drawn of bodies at some instants: where their surfaces are, in which colours, and what has to be said of it.
 
 A deformation is enlarged by ``x + (scale - 1) u`` with the deformation u that a result keeps (`results.trajectory`):

@@ -2,7 +2,6 @@
 
 Both are imported when something is drawn. Where there is no display, VTK draws by EGL or OSMesa.
 
-
 Surfaces of bodies in colours, with title, units, scale and notes around them: as pictures, and for films.
 """
 

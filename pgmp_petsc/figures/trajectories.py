@@ -2,7 +2,6 @@
 
 The balance of energy of a run: what is stored, what the effects brought, and what is left over.
 
-
 A design: how the search went, and outputs at its start and of the design.
 
 A fit: what was measured, the run that was begun with, the fitted one, and what is left.

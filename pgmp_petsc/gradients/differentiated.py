@@ -33,8 +33,8 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
-for (`RigidKinematics.near`). Stresses have central differences along the whole line. Where outputs are polynomials of
-lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``.
+for (`RigidKinematics.near`). Stresses and rates have central differences along the whole line. Where outputs are
+polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``.
 """
 
 from __future__ import annotations
@@ -163,18 +163,18 @@ def differentiate(
     attempt, done, trail = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
-        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure}")
+        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
     times, states = trail.of_sample(0)
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
-        observed = ObservedChanges(model, values, states.q)
+        observed = ObservedChanges(model, values, states)
         outputs = observed.outputs
-        by_name = {name: observed.of(name, changes[:, number]) for number, name in enumerate(names)}
+        by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
     derivatives = {output: {name: by_name[name][output] for name in names} for output in outputs}
     _require_finite(outputs, derivatives, times)
-    return DifferentiatedRun(times, outputs, derivatives, states.q, changes, attempt.divisor, tuple(contacts.found))
+    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, tuple(contacts.found))
 
 
 def _propagated(
@@ -184,14 +184,15 @@ def _propagated(
     times: np.ndarray,
     states: State,
 ) -> np.ndarray:
-    """Return the derivatives of the reduced coordinates over the run, shape (n_t, n_parameters, n_eta)."""
+    """Return the derivatives of the reduced coordinates and of their rates over the run, shape (2, n_t, n_parameters,
+    n_eta)."""
     n_t, n = states.q.shape
     step = times[-1] / (n_t - 1)
     scheme = Scheme.of(model.scene.simulation.spectral_radius, step)
     prescribed = np.array([k in model.motions for k in range(model.kinematics.n_coordinates)])
     moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
-    result = np.empty((n_t, len(linearisation.names), n))
-    result[0] = moment[0]
+    result = np.empty((2, n_t, len(linearisation.names), n))
+    result[:, 0] = moment[:2]
     at_once, first = max(16, MOST_NUMBERS // (3 * n * n)), 1
     while first < n_t:
         crossing = contacts.following(first)
@@ -200,11 +201,11 @@ def _propagated(
             here = linearisation.at(times[part], _part(states, part), scheme)
             propagate(
                 here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
-                result[part],
+                result[:, part],
             )  # fmt: skip
         if crossing < n_t:
             moment = contacts.through(crossing, moment)
-            result[crossing] = moment[0]
+            result[:, crossing] = moment[:2]
         first = crossing + 1
     return result
 
@@ -248,7 +249,7 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
     moment
         S_q, S_v, S_a and S_A at the beginning, shape (4, n_parameters, n_eta); advanced in place.
     result
-        S_q at the ends of the steps, shape (n_t, n_parameters, n_eta).
+        S_q and S_v at the ends of the steps, shape (2, n_t, n_parameters, n_eta).
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
@@ -282,7 +283,7 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
                 then, now, auxiliary = a[i] + gain_a * right[i], moment[2, p, i], moment[3, p, i]
                 moment[0, p, i], moment[1, p, i], moment[2, p, i] = q[i] + right[i], v[i] + gain_v * right[i], then
                 moment[3, p, i] = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * auxiliary) * weight
-                result[t, p, i] = moment[0, p, i]
+                result[0, t, p, i], result[1, t, p, i] = moment[0, p, i], moment[1, p, i]
 
 
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
@@ -368,7 +369,8 @@ def _angles(angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray) 
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 OBSERVED_DIFFERENCE = 1e-4
-OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
+# of stresses and rates, and of the parameter: their lines leave cells, where slopes of tables have corners
+OF_STRESSES = 1e-5
 
 
 class ObservedChanges:
@@ -380,13 +382,13 @@ class ObservedChanges:
         The reduced model.
     values
         Value of every parameter.
-    eta
-        Reduced coordinates over the run, shape (n_t, n_eta).
+    states
+        Reduced coordinates and rates over the run, shapes (n_t, n_eta).
     """
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], eta: np.ndarray) -> None:
+    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], states: State) -> None:
         self._model, self._values = model, dict(values)
-        self._members = [_Member(member, self._values, eta) for member in model.members]
+        self._members = [_Member(member, self._values, states) for member in model.members]
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
@@ -395,7 +397,8 @@ class ObservedChanges:
         return _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, (n_t, n_eta)."""
+        """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta and its rates, shape
+        (2, n_t, n_eta)."""
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
         parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
         parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
@@ -405,35 +408,41 @@ class ObservedChanges:
 class _Member:
     """The same of one of the models whose outputs, each with its share, make those of the whole."""
 
-    def __init__(self, model: ReducedModel, values: Mapping[str, float], eta: np.ndarray) -> None:
-        self._model, self._values, self._eta = model, values, eta
-        frames, self._along = model.reconstruction.along(eta)
-        observed = model.outputs.observed(frames, self._stresses(eta, values))
+    def __init__(self, model: ReducedModel, values: Mapping[str, float], states: State) -> None:
+        self._model, self._values, self._states = model, values, states
+        frames, self._along = model.reconstruction.along(states.q)
+        observed = model.observed_of(states.q, values, states.v)
+        self._behind = observed[frames.shape[0] * frames.shape[1] :]
         # the loops that this closes serve all evaluations next to it
         self._evaluate = model.outputs.near(observed)
         self.outputs = self._evaluate(observed)
+        functions = model.outputs.functions.items()
+        self._on_whole_line = {name for name, reading in functions if reading is None or reading.rate}
 
     def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of the outputs with a parameter."""
-        model, eta = self._model, self._eta
-        size = np.max(np.abs(changes) * model.terms.scale, axis=1)
-        value = self._values[name]
+        model, of_eta, value = self._model, changes[0], self._values[name]
+        size = np.max(np.abs(of_eta) * model.terms.scale, axis=1)
         steps = OBSERVED_DIFFERENCE / np.where(size > 0.0, size, 1.0)
         # what is multiplied by the parameter itself must not be taken far from its value
-        of_stresses = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
+        whole = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
         total: dict[str, np.ndarray] = {}
-        frames_at = self._along(changes)
+        frames_at = self._along(of_eta)
         for share in (-1.0, 1.0):
-            frames, moved = frames_at(share * steps), share * of_stresses
-            stresses = self._stresses(eta + moved[:, None] * changes, self._values | {name: value + moved})
-            found = self._evaluate(model.outputs.observed(frames, stresses))
+            frames = frames_at(share * steps)
+            found = self._evaluate(np.concatenate([frames.reshape(-1, len(of_eta)), self._behind]))
+            if self._on_whole_line:
+                far = share * whole
+                q, v = (part + far[:, None] * change for part, change in zip((self._states.q, self._states.v), changes))
+                found |= self._of_line(model.observed_of(q, self._values | {name: value + far}, v))
             for output, values in found.items():
-                far = of_stresses if model.outputs.functions[output] is None else steps
+                far = whole if output in self._on_whole_line else steps
                 total[output] = total.get(output, 0.0) + share * values / (2.0 * far)
         return total
 
-    def _stresses(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        return np.empty((0, len(eta))) if self._model.stresses is None else self._model.stresses.of(eta, values)
+    def _of_line(self, observed: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the outputs that are differenced along the whole line."""
+        return {name: values for name, values in self._evaluate(observed).items() if name in self._on_whole_line}
 
 
 def _times(share: float, outputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

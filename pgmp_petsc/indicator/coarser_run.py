@@ -11,6 +11,8 @@ scheme alone: its amplification of a free vibration is an eigenvalue lambda of a
 ``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
 2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
 those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
+The largest of many points has kinks where another point takes over, and a kink is in all bands, of which the coarser
+run has none of the highest: there a band counts where it is `PEAK` times those around it.
 
 **Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
 the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
@@ -29,6 +31,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
 
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Observer, Run, count_steps
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
@@ -46,10 +49,11 @@ CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much 
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
-LOOKS, APART = 20, 10  # at the work of the coarser run; steps between two of them at least
+APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
+PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
@@ -131,9 +135,8 @@ def run_coarser(
     """
     coarse = coarser(simulation)
     n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
-    stops = np.append(np.arange(0, n_steps, max(-(-n_steps // LOOKS), APART)), n_steps)
     stepper = GeneralisedAlpha(
-        system, coarse.spectral_radius, coarse.duration, n_steps, alive, stops, record, pulse=None, parts=TIMES
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
     )
     mechanism = model.kinematics.mechanism
     calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
@@ -141,10 +144,16 @@ def run_coarser(
     def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
         return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
 
-    most, spent, last = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0), 0.0
-    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent + 0.5 * last <= most:
+    most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
+    dearest = 0.0  # work of a step, the most so far
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
+        # steps that half of what is left pays for at the dearest so far; the first are looked at soon
+        affords = 0.5 * (most - spent) / dearest if dearest else 0.0 if np.isfinite(most) else np.inf
+        before, begun = spent, stepper.n_done
+        stepper.stops = np.array([0, int(min(begun + max(affords, APART), n_steps))])
         stepper.advance()
-        last, spent = work(stepper, stepper.n_done) - spent, work(stepper, stepper.n_done)
+        spent = work(stepper, stepper.n_done)
+        dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
@@ -232,10 +241,11 @@ def step_errors(
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     differences, lost, loudest = {}, {}, (0.0, np.nan)
+    kinked = {name for name, output in scene.outputs.items() if output.kinked}
     for name, values in outputs.items():
         there = other.outputs[name][:n, sample]
         differences[name] = there - CubicSpline(time, values)(at)
-        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, name in kinked)
         lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
         share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
         if share > loudest[0]:
@@ -285,7 +295,7 @@ class Bands:
         """Steps between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
-    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float) -> tuple[np.ndarray, float]:
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: bool) -> tuple[np.ndarray, float]:
         """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
 
         Parameters
@@ -294,12 +304,16 @@ class Bands:
             An output of both runs after every step of the finer one, shape (n,).
         ratio
             Of their steps.
+        kinked
+            Whether the output has kinks.
         """
         if fine.size < 2 * self.length:
             return np.zeros(1), np.nan
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
         out = apart > LOST * amplitudes
         out[:, :LOWEST] = False
+        if kinked:
+            out &= amplitudes > PEAK * median_filter(amplitudes, (1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
         most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1])
         found = np.empty_like(amplitudes)

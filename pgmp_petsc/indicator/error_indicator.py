@@ -2,12 +2,18 @@
 
 - The error of the time step is that between the run and one of the same reduced model with smaller steps (`FINER` of
   them in one): it goes through stops, friction and all that is nonlinear as the run itself does.
-- `residual_error`: all that the full-order equations say against that run. This is what the reduction leaves out
+- `checking_model`: all that the full-order equations say against that run. This is what the reduction leaves out
   (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
 
 Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
 and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
 (`schedule`); where none do, the output has no estimate.
+
+Samples side by side follow tables that are polynomials of the lengths, rigid inertia included, and their outputs are
+polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the
+model of its own lengths, whose kinematics are exact: with these the motion is put into the full-order equations, and
+the outputs of the corrected motion are compared with what the sample said. So what the polynomials are off by is in the
+estimate, with all the rest.
 """
 
 from __future__ import annotations
@@ -24,9 +30,8 @@ from pgmp_petsc.dynamics.full_systems import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import Observer, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.checking_model import CheckingModel
+from pgmp_petsc.indicator.checking_model import CheckingModel, ErrorSystem
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
-from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import (
     AGREED,
     FINER,
@@ -41,6 +46,7 @@ from pgmp_petsc.indicator.schedule import (
 )
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
+from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -156,21 +162,21 @@ class WatchedRun(Observer):
         told = indicator.kept[indicator.kept % FINER == 0] // FINER
         self._place = places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
-        self._plain = np.empty((told.size, samples.size, n_eta))
+        self._plain = np.empty((told.size, 2, samples.size, n_eta))  # coordinates and rates
         self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        self._keep(np.array([number]), state.q[None])
+        self._keep(np.array([number]), np.array([[state.q, state.v]]))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `Observer`."""
-        self._keep(numbers, trail[:, 0])
+        self._keep(numbers, trail[:, :2])
 
     def _keep(self, numbers: np.ndarray, motion: np.ndarray) -> None:
         places = self._place[numbers]
         kept = places >= 0
-        self._plain[places[kept]] = motion[kept][:, self._samples]
+        self._plain[places[kept]] = motion[kept][:, :, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
@@ -234,7 +240,7 @@ class WatchedRun(Observer):
             Which samples came to the end.
         """
         indicator = self._indicator
-        finer = _FinerRun(indicator.kept, (3, *self._plain.shape[1:]))
+        finer = _FinerRun(indicator.kept, (3, *self._plain.shape[2:]))
         system = indicator.model.batch(self._values, self._samples.size)
         run = integrate(system, indicator.finer, alive=fine, observer=finer, prefix=ERROR_PREFIX)
         return finer.states, fine & (run.status == Status.FINE)
@@ -271,7 +277,7 @@ class WatchedRun(Observer):
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stand still at the start: they may be where nothing can be placed
-        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, chosen]
+        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
         errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
@@ -286,10 +292,12 @@ class WatchedRun(Observer):
     def _errors(
         self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta)."""
-        model, shape = self._indicator.told, plain.shape[:2]
+        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates and rates, (n_e, 2, n,
+        n_eta)."""
+        model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
+        eta, v = np.moveaxis(plain, 1, 0).reshape(2, -1, plain.shape[3])
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
-        here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
+        here = model.outputs.evaluate(model.observed_of(eta, every_time, v))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:
@@ -319,38 +327,108 @@ class _Observed(Observer):
         told: np.ndarray,
     ) -> None:
         self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
-        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._waiting: list[tuple[np.ndarray, ...]] = []
         self._found: list[dict[str, np.ndarray]] = []
 
     def __call__(self, number: int, time: float, error: State) -> None:
         """Take in the error at an instant."""
-        self._take(number, error.q[None], error.turns[None])
+        self._take(number, error.q[None], error.v[None], error.turns[None])
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
         """Take in the errors at many instants in turn; see `Observer`."""
-        self._take(int(numbers[0]), errors.q, errors.turns)
+        self._take(int(numbers[0]), errors.q, errors.v, errors.turns)
 
-    def _take(self, number: int, errors: np.ndarray, turns: np.ndarray) -> None:
+    def _take(self, number: int, errors: np.ndarray, rates: np.ndarray, turns: np.ndarray) -> None:
         told = self._told[number : number + len(errors)]
-        motion = self._motion.over(number, len(errors))[0][told]
+        q, v, _ = self._motion.over(number, len(errors))[:, told]
         # what is kept of states has to be theirs: angles are counted on in place
-        self._waiting.append((motion, errors[told], turns[told]))
-        if sum(part.size for part, _, _ in self._waiting) > TOGETHER:
+        self._waiting.append((q, v, errors[told], rates[told], turns[told]))
+        if sum(part[0].size for part in self._waiting) > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        motions, *errors = (np.concatenate(parts) for parts in zip(*self._waiting))
-        n_e, n = len(motions), self._batch.n_samples
+        *motion, of_q, of_v, turns = (np.concatenate(parts) for parts in zip(*self._waiting))
+        n_e, n = len(turns), self._batch.n_samples
         # the axis of instants behind that of unknowns
-        errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
-        q = (np.moveaxis(motions, 0, 1) + errors).reshape(-1, n_e * n)
+        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in (of_q, of_v, turns))
+        q, v = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
         values = {name: np.tile(value, n_e) for name, value in self._values.items()}
         frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
-        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values)))
+        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values, v)))
         self._waiting.clear()
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""
-        if any(len(part) for part, _, _ in self._waiting):
+        if any(len(part[0]) for part in self._waiting):
             self._evaluate()
         return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}
+
+
+def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIndicator:
+    """Return what estimates the errors of a model's samples."""
+    return MemberIndicator(model) if isinstance(model, LengthLanes) else ErrorIndicator(model)
+
+
+class MemberIndicator:
+    """Estimates the errors of runs of samples with lengths of their own; see `ErrorIndicator`."""
+
+    def __init__(self, model: LengthLanes) -> None:
+        self.model = model
+        self._simulation = model.scene.simulation
+
+    def stepped(self, simulation: Simulation) -> MemberIndicator:
+        """Return the indicator of runs of the same model with other steps."""
+        other = copy(self)
+        other._simulation = simulation
+        return other
+
+    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedSamples:
+        """Begin to watch a run of a batch; see `ErrorIndicator.watch`."""
+        return WatchedSamples([self._of(values, int(sample)) for sample in samples], list(self.model.outputs.functions))
+
+    def _of(self, values: Mapping[str, np.ndarray], sample: int) -> WatchedRun | None:
+        """Begin to watch a sample; None where its mechanism cannot be closed."""
+        lengths = {name: float(values[name][sample]) for name in self.model.lengths}
+        try:
+            own = self.model.at_lengths(self.model.scene.with_values(lengths))
+        except InputError:
+            return None
+        return ErrorIndicator(own, self.model).stepped(self._simulation).watch(values, np.array([sample]))
+
+
+class WatchedSamples(Observer):
+    """The run of one batch, whose samples are watched one by one; see `WatchedRun`."""
+
+    def __init__(self, runs: list[WatchedRun | None], outputs: list[str]) -> None:
+        self._runs, self._outputs = runs, outputs
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step; the observer of the run."""
+        for run in self._known:
+            run(number, time, state)
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `Observer`."""
+        for run in self._known:
+            run.over(numbers, times, trail)
+
+    def estimate(self, status: np.ndarray) -> Estimate:
+        """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
+        found = [_nothing(self._outputs) if run is None else run.estimate(status) for run in self._runs]
+        largest, at_end = (
+            {name: np.concatenate([getattr(one, part)[name] for one in found]) for name in self._outputs}
+            for part in ("largest", "at_end")
+        )
+        absent = {name: tuple(one.absent[name][0] for one in found) for name in self._outputs}
+        return Estimate(largest, at_end, tuple(history for one in found for history in one.histories), absent)
+
+    @property
+    def _known(self) -> list[WatchedRun]:
+        return [run for run in self._runs if run is not None]
+
+
+def _nothing(outputs: list[str]) -> Estimate:
+    """Return that nothing is known of a sample."""
+    unknown = {name: np.full(1, np.nan) for name in outputs}
+    histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
+    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, ("",)))

@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.indicator.coverage import absence_of_estimates, is_estimated
-from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene

@@ -26,7 +26,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.line_bodies import length_share
+from pgmp_petsc.bodies.shape import length_share
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import Observer, count_steps

@@ -87,24 +87,6 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 
-def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-    """Return ``d2 rho / d theta_k d theta_l`` in body frames.
-
-    Parameters
-    ----------
-    poses, rates
-        As for `rigid_velocities`.
-    curvatures
-        ``d2P/dtheta2``, shape (n_bodies, n_pose, n_theta, n_theta).
-
-    Returns
-    -------
-    ndarray, shape (n_dofs, n_theta, n_theta)
-    """
-    space = mechanism.space
-    return linear_motion(mechanism, [space.acceleration_field(*own) for own in zip(poses, rates, curvatures)])
-
-
 def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
     shape, d = vectors.shape, mechanism.space.dimension
     turned = vectors.reshape(len(vectors), -1).copy()

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import ANGLE, MEET, Statement, U, V, W, evaluate, n_frame
@@ -78,7 +79,7 @@ def scratch_of(statements, m):
     return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.zeros((n, 2 * m)))
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, apart=types.float64, error_model="numpy")
 def state(statements, k, y, known, second, scratch, g, h):
     """Evaluate a statement in the unknowns of its two nodes.
 

@@ -14,14 +14,12 @@ numbers.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from pgmp_petsc.mechanism.statements import Statement
 
 
-class Space(Protocol):
+class Space:
     """What mechanisms move in.
 
     Attributes
@@ -93,30 +91,25 @@ class Space(Protocol):
         k, ...)."""
 
 
-class Plane:
+class Plane(Space):
     """The plane; see `Space`."""
 
     dimension, n_pose, n_dofs, n_tied = 2, 3, 3, 0
     identity = np.zeros(3)
 
     def units(self, size: float) -> np.ndarray:
-        """Return the units of a pose."""
         return np.array([size, size, 1.0])
 
     def turns(self, step: np.ndarray) -> np.ndarray:
-        """Return the change of the angle."""
         return np.abs(step[:, 2])
 
     def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return the difference of the angles."""
         return b[2] - a[2]
 
     def winding(self, change: np.ndarray) -> np.ndarray:
-        """Return the whole turns of the angle."""
         return np.rint(change[:, 2] / (2 * np.pi))
 
     def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """Return poses with whole turns added."""
         poses[:, 2] += 2 * np.pi * turns
         return poses
 
@@ -128,15 +121,12 @@ class Plane:
     frame_gradient = rotation
 
     def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Return zeros: a frame is linear in its displacement."""
         return np.zeros((len(slopes), 3, 3))
 
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Turn vectors back."""
         return rotate(-pose[2], vectors)
 
     def natural(self, frame: np.ndarray) -> np.ndarray:
-        """Return position and directors."""
         cos, sin = np.cos(frame[2]), np.sin(frame[2])
         return np.array([frame[0], frame[1], cos, sin, -sin, cos])
 
@@ -148,7 +138,6 @@ class Plane:
         return gradient
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return the frames of points."""
         frames = np.empty((len(points), *pose.shape))
         frames[:, :2] = pose[:2] + np.moveaxis(rotate(pose[2][..., None], points.T), -1, 0)
         frames[:, 2] = pose[2]
@@ -165,30 +154,25 @@ class Plane:
         return np.array([*rotate(-pose[2], curvatures[:2]), -centripetal, -spin, spin, -centripetal])
 
 
-class Spatial:
+class Spatial(Space):
     """Space; see `Space`."""
 
     dimension, n_pose, n_dofs, n_tied = 3, 12, 6, 6
     identity = np.concatenate([np.zeros(3), np.eye(3).ravel()])
 
     def units(self, size: float) -> np.ndarray:
-        """Return the units of a pose."""
         return np.concatenate([np.full(3, size), np.ones(9)])
 
     def turns(self, step: np.ndarray) -> np.ndarray:
-        """Return the change of the directors."""
         return np.max(np.abs(step[:, 3:]), axis=1)
 
     def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return the statement's value."""
         return statement.value(self.natural(a), self.natural(b), turned)
 
     def winding(self, change: np.ndarray) -> np.ndarray:
-        """Return zeros: directors come back after a turn."""
         return np.zeros(len(change))
 
     def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """Return the poses: directors do not count turns."""
         return poses
 
     def rotation(self, pose: np.ndarray) -> np.ndarray:
@@ -197,7 +181,6 @@ class Spatial:
         return np.block([[turn, zero], [zero, turn]])
 
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Return the parts along the directors."""
         return np.einsum("kcn,cn->kn", pose[3:12].reshape(3, 3, -1), vectors)
 
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
@@ -216,7 +199,6 @@ class Spatial:
         return found
 
     def natural(self, frame: np.ndarray) -> np.ndarray:
-        """Return the frame without what follows it."""
         return frame[: self.n_pose]
 
     def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -226,7 +208,6 @@ class Spatial:
         return self.frame_gradient(pose) @ moved
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return the frames of points."""
         frames = np.empty((len(points), *pose.shape))
         frames[:, 3:] = pose[3:]
         frames[:, :3] = pose[:3] + np.einsum("nk,ki...->ni...", points, pose[3:].reshape(3, 3, *pose.shape[1:]))

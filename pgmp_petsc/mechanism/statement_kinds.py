@@ -13,12 +13,13 @@ from __future__ import annotations
 import ast
 import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-ROWS = "uvw"  # of a statement's directions
-FIRST = {"a": "0", "b": "n"}  # number of each frame
+APART = "p_b - p_a"
+ARRAYS = ("gradient", "spare")  # that hold the derivatives of products
+TURN = "6.283185307179586"
 TAKES = "axes, z, turned, second, gradient, hessian, spare"
 PYTHON = '''"""Statements about two frames, printed from their kinds."""
 
@@ -29,7 +30,7 @@ from pgmp_petsc.runtime.lane_items import angle_of, beyond, nearest_whole, selec
 
 {functions}
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, apart=lambda kind, axes, z, *_: z.dtype, error_model="numpy")
 def evaluate(kind, {takes}):
     """Evaluate a statement, of numbers or of vectors (`lane_items`), and return it.
 
@@ -122,80 +123,28 @@ class Kind:
                 "return 0.0 * z[0]",
             ]
         products, outer = self._parts()
-        arrays = ("gradient", "spare")[: len(products)]
-        touched = sorted({part for pair in products for name in pair for part in _Vector(name).touched})
-        lines = [f"let q{m} = 0.0 * z[0]" for m in range(len(products))]
-        for pair, array in zip(products, arrays):
-            other = [part for part in touched if not any(part in _Vector(name).touched for name in pair)]
-            lines += [f"for i in range({count}): {array}[{first} + i] = 0.0" for first, count in other]
-        lines += ["for c in range(d):"]
-        components = {name: f"x{k}" for k, name in enumerate(dict.fromkeys(itertools.chain(*products)))}
-        for name, component in components.items():
-            lines += _indented(_Vector(name).component(component))
-        filled = set()
-        for m, (pair, array) in enumerate(zip(products, arrays)):
-            lines += [f"    q{m} += {components[pair[0]]} * {components[pair[1]]}"]
-            twice = "2.0" if pair[0] == pair[1] else "1.0"
-            for one, other in dict.fromkeys((pair, pair[::-1])):
-                for loop, at, factor in _Vector(one).entries("k"):
-                    sign = "+=" if (array, at) in filled else "="
-                    filled.add((array, at))
-                    value = _times(_times(twice, factor), components[other])
-                    lines += [f"    {loop}{array}[{at}] {sign} {value}"]
-        derivatives: Callable[[int], str] = "f{}".format
-        if outer is not None:
-            lines += self._outer(outer, len(products))
-        else:
-            lines, derivatives, touched = [*lines, "let s = q0"], lambda m: "1.0", []
-        curved = ["for c in range(d):"]
-        for m, (x, y) in enumerate(products):
-            pairs = itertools.product(_Vector(x).entries("k"), _Vector(y).entries("j"))
-            if x == y:
-                pairs = itertools.combinations_with_replacement(_Vector(x).entries("k"), 2)
-            for (loop, at, one), (inner, other, two) in pairs:
-                value = _times("2.0" if x == y else "1.0", _times(_times(one, two), derivatives(m)))
-                if at == other:
-                    curved += [f"    hessian[{at}, {at}] += {value}"]
-                else:
-                    curved += [f"    {loop}{inner}{_both(at, other, value, len(curved))}"]
-        numbers = range(len(products))
-        for (first, n_first), (then, n_then) in itertools.combinations_with_replacement(touched, 2):
-            curved += [f"for i in range({n_first}):"]
-            for m in numbers:
-                mixed = " + ".join(f"f{min(m, k)}{max(m, k)} * {arrays[k]}[{first} + i]" for k in numbers)
-                curved += [f"    let g{m} = {mixed}"]
-            bent = " + ".join(f"g{m} * {arrays[m]}[{then} + " + "{}]" for m in numbers)
-            below = n_then
-            if first == then:
-                below = "i"
-                curved += [f"    hessian[{first} + i, {first} + i] += {bent.replace('{}', 'i')}"]
-            both = _both(f"{first} + i", f"{then} + j", bent.replace("{}", "j"), len(curved))
-            curved += [f"    for j in range({below}): {both}"]
-        if len(curved) > 1:
-            lines += ["if second:", *_indented(curved)]
+        touched = sorted({part for pair in products for one in pair for part in one.touched}) if outer else []
+        lines = _first(products, touched)
+        lines += self._outer(outer, len(products)) if outer else ["let s = q0"]
+        curved = _second(products, touched)
+        lines += ["if second:", *_indented(curved)] if len(curved) > 1 else []
         for first, n_first in touched:
-            mixed = " + ".join(f"f{m} * {arrays[m]}[{first} + i]" for m in numbers)
-            lines += [f"for i in range({n_first}):", f"    gradient[{first} + i] = {mixed}"]
-        if self.periodic:
-            turn = "6.283185307179586"
-            lines += [f"return s + {turn} * nearest_whole((turned - s) / {turn})"]
-        else:
-            lines += ["return s"]
-        return lines
+            mixed = " + ".join(f"f{m} * {ARRAYS[m]}[{first} + i]" for m in range(len(products)))
+            lines += [f"for i in range({n_first}): gradient[{first} + i] = {mixed}"]
+        turned = f" + {TURN} * nearest_whole((turned - s) / {TURN})" if self.periodic else ""
+        return [*lines, f"return s{turned}"]
 
-    def _parts(self) -> tuple[list[tuple[str, str]], Any]:
+    def _parts(self) -> tuple[list[tuple[_Vector, _Vector]], Any]:
         """Return the products, and the function of them in sympy's form; None where it is the only product itself."""
         import sympy as sp
 
-        products: list[tuple[str, str]] = []
-        functions = {"sqrt": sp.sqrt, "atan2": sp.atan2}
+        products: list[tuple[_Vector, _Vector]] = []
 
         def read(node: ast.expr) -> Any:
-            name = node.func.id
-            if name == "dot":
-                products.append(tuple(map(ast.unparse, node.args)))
+            if node.func.id == "dot":
+                products.append(tuple(_Vector(ast.unparse(one)) for one in node.args))
                 return sp.Symbol(f"q{len(products) - 1}", real=True)
-            return functions[name](*map(read, node.args))
+            return {"sqrt": sp.sqrt, "atan2": sp.atan2}[node.func.id](*map(read, node.args))
 
         outer = read(ast.parse(self.measure, mode="eval").body)
         return products, None if outer.is_Symbol else outer
@@ -204,19 +153,59 @@ class Kind:
         """Yield the function of the products and its derivatives: s, f0, f1, f00, f01, .."""
         import sympy as sp
 
-        q = sp.symbols(f"q:{n_products}", real=True)
+        q, s = sp.symbols(f"q:{n_products}", real=True), sp.Symbol("s", positive=True)
         named = {f"f{m}": sp.diff(outer, one) for m, one in enumerate(q)}
         pairs = itertools.combinations_with_replacement(range(n_products), 2)
         named |= {f"f{m}{k}": sp.diff(outer, q[m], q[k]) for m, k in pairs}
-        s = sp.Symbol("s", positive=True)
         yield f"let s = {_text(outer)}"
         if outer.is_Pow:  # of a root, so that powers are whole
             named = {name: one.subs(q[0], s**2) for name, one in named.items()}
         shared, left = sp.cse([sp.simplify(one) for one in named.values()], sp.numbered_symbols("y"))
         yield from (f"let {name} = {_text(one)}" for name, one in shared)
         for name, one in zip(named, left):
-            value = f"select(beyond(q0, 0.0), {_text(one)}, 0.0)" if self.singular else _text(one)
-            yield f"let {name} = {value}"
+            yield f"let {name} = " + (f"select(beyond(q0, 0.0), {_text(one)}, 0.0)" if self.singular else _text(one))
+
+
+def _first(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[str, str]]) -> list[str]:
+    """Return what makes the products q0, .. and their derivatives, one in each of `ARRAYS`, all that is `touched`."""
+    lines = [f"let q{m} = 0.0 * z[0]" for m in range(len(products))]
+    for pair, array in zip(products, ARRAYS):
+        others = [part for part in touched if not any(part in one.touched for one in pair)]
+        lines += [f"for i in range({count}): {array}[{first} + i] = 0.0" for first, count in others]
+    components = {one: f"x{k}" for k, one in enumerate(dict.fromkeys(itertools.chain(*products)))}
+    body = [line for one, component in components.items() for line in one.component(component)]
+    filled = set()
+    for m, (pair, array) in enumerate(zip(products, ARRAYS)):
+        body += [f"q{m} += {components[pair[0]]} * {components[pair[1]]}"]
+        for one, other in dict.fromkeys((pair, pair[::-1])):
+            for loop, at, factor in one.entries("k"):
+                value = _times("2.0" if one == other else "1.0", factor, components[other])
+                body += [f"{loop}{array}[{at}] {'+=' if (array, at) in filled else '='} {value}"]
+                filled.add((array, at))
+    return [*lines, "for c in range(d):", *_indented(body)]
+
+
+def _second(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[str, str]]) -> list[str]:
+    """Return what adds up the second derivatives: those of products, and for functions of them what is `touched`."""
+    lines, numbers = ["for c in range(d):"], range(len(products))
+    for m, (x, y) in enumerate(products):
+        pairs, factor = itertools.product(x.entries("k"), y.entries("j")), "1.0"
+        if x == y:
+            pairs, factor = itertools.combinations_with_replacement(x.entries("k"), 2), "2.0"
+        for (loop, at, one), (inner, other, two) in pairs:
+            value = _times(factor, one, two, f"f{m}" if touched else "1.0")
+            lines += [f"    {loop}{inner}{_both(at, other, value, len(lines))}"]
+    for (first, n_first), (then, n_then) in itertools.combinations_with_replacement(touched, 2):
+        lines += [f"for i in range({n_first}):"]
+        for m in numbers:
+            mixed = " + ".join(f"f{min(m, k)}{max(m, k)} * {ARRAYS[k]}[{first} + i]" for k in numbers)
+            lines += [f"    let g{m} = {mixed}"]
+        below, above = (" + ".join(f"g{m} * {ARRAYS[m]}[{then} + {at}]" for m in numbers) for at in "ij")
+        if first == then:
+            lines += [f"    {_both(f'{first} + i', f'{first} + i', below, len(lines))}"]
+        both = _both(f"{first} + i", f"{then} + j", above, len(lines))
+        lines += [f"    for j in range({'i' if first == then else n_then}): {both}"]
+    return lines
 
 
 @dataclass(frozen=True)
@@ -226,46 +215,47 @@ class _Vector:
     name: str
 
     @property
+    def _direction(self) -> tuple[str, str, str]:
+        """A direction's row among `axes`, its frame, and where that begins."""
+        row, _, frame = self.name.partition("_")
+        return f"axes[{'uvw'.index(row)}", frame, {"a": "0 + ", "b": "n + ", "": ""}[frame]
+
+    @property
     def touched(self) -> list[tuple[str, str]]:
         """First number and count of what it depends on."""
-        if self.name == "p_b - p_a":
+        if self.name == APART:
             return [("0", "d"), ("n", "d")]
-        row, _, frame = self.name.partition("_")
-        return [(f"{FIRST[frame]} + d", "d * d")] if frame else []
+        _, frame, begin = self._direction
+        return [(f"{begin}d", "d * d")] if frame else []
 
     def component(self, into: str) -> list[str]:
         """Return what makes its component c."""
-        if self.name == "p_b - p_a":
+        if self.name == APART:
             return [f"let {into} = z[n + c] - z[c]"]
-        row, _, frame = self.name.partition("_")
-        of_row = f"axes[{ROWS.index(row)}"
+        row, frame, begin = self._direction
         if not frame:
-            return [f"let {into} = {of_row}, c]"]
-        place = f"z[{FIRST[frame]} + d + d * k + c]"
-        return [f"let {into} = 0.0 * z[0]", f"for k in range(d): {into} += {of_row}, k] * {place}"]
+            return [f"let {into} = {row}, c]"]
+        return [f"let {into} = 0.0 * z[0]", f"for k in range(d): {into} += {row}, k] * z[{begin}d + d * k + c]"]
 
     def entries(self, k: str) -> list[tuple[str, str, str]]:
         """Return a loop, the number that its component c depends on, and the factor of that."""
-        if self.name == "p_b - p_a":
+        if self.name == APART:
             return [("", "n + c", "1.0"), ("", "c", "-1.0")]
-        row, _, frame = self.name.partition("_")
-        place = f"{FIRST[frame or 'a']} + d + d * {k} + c"
-        return [(f"for {k} in range(d): ", place, f"axes[{ROWS.index(row)}, {k}]")] if frame else []
+        row, frame, begin = self._direction
+        return [(f"for {k} in range(d): ", f"{begin}d + d * {k} + c", f"{row}, {k}]")] if frame else []
 
 
 def _both(one: str, other: str, value: str, number: int) -> str:
     """Return what adds a value to both sides of the diagonal."""
+    if one == other:
+        return f"hessian[{one}, {one}] += {value}"
     return f"let h{number} = {value}; hessian[{one}, {other}] += h{number}; hessian[{other}, {one}] += h{number}"
 
 
-def _times(one: str, other: str) -> str:
-    """Return a product of two factors, the first of which may be a sign."""
-    for factor, left in ((one, other), (other, one)):
-        if factor == "1.0":
-            return left
-        if factor == "-1.0":
-            return left[1:] if left.startswith("-") else f"-{left}"
-    return f"{one} * {other}"
+def _times(*factors: str) -> str:
+    """Return a product of factors, some of which may be 1.0 or -1.0."""
+    left = " * ".join(factor for factor in factors if factor not in ("1.0", "-1.0")) or "1.0"
+    return f"-{left}" if factors.count("-1.0") % 2 else left
 
 
 def _text(expression: Any) -> str:

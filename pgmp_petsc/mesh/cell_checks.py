@@ -33,21 +33,13 @@ def jacobian_determinants(nodes: np.ndarray, cells: np.ndarray, gradients: np.nd
 def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
     """Refuse repeated cells, separate pieces, and cells that are inverted or have no volume.
 
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type.
-    nodes : ndarray of float, shape (n_nodes, d)
-        Finite coordinates (m).
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-        Cells that use every node, in the file's numbers.
-    received : str
-        The scene's entry and its value, with which messages begin.
+    Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind` use every node. Messages
+    begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
 
     Raises
     ------
     InputError
-        Messages number cells and nodes in the file's order, from zero.
+        Naming what is wrong, and where.
     """
     _check_repeated(kind, cells, received)
     _check_pieces(len(nodes), cells, received)

@@ -4,6 +4,8 @@ Whatever meshio reads is accepted. A point is named by a physical group of dimen
 0 (gmsh) or by a node set (Abaqus and others) that holds exactly one node.
 
 Straight lines of equal cells, for bodies that need no mesh file.
+
+Uniform refinement of line meshes in memory.
 """
 
 from __future__ import annotations
@@ -51,22 +53,12 @@ class LineMesh(Counted):
         return np.linalg.norm(np.diff(self.nodes[self.cells], axis=1)[:, 0], axis=1)
 
     def point(self, name: str, entry: str) -> int:
-        """Return the node of the point `name`.
-
-        A name that the mesh does not hold and that is a decimal integer is a node's index, counted from zero
-        in the order of `nodes`.
-
-        Parameters
-        ----------
-        name : str
-            A named point or a node's index.
-        entry : str
-            Dotted name of the scene's entry that asks, for the message.
+        """Return the node of the point `name`, or of that index: a decimal integer, from zero, that is no named point.
 
         Raises
         ------
         InputError
-            If the name is unknown, holds other than one node, or is an index out of range.
+            If the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
         """
         if name in self.points:
             return self.points[name]
@@ -86,18 +78,10 @@ class LineMesh(Counted):
 
 
 def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh:
-    """Read a line mesh from a file of one of meshio's formats.
+    """Read a line mesh from a file of one of meshio's formats, in the plane or (3) in space.
 
-    Nodes that are on no line cell are dropped; the others keep the file's order.
-
-    Parameters
-    ----------
-    path : Path or str
-        The mesh file.
-    entry : str
-        Dotted name of the scene's entry, such as ``bodies.crank.mesh``, for the messages.
-    dimension : int
-        2 for beams in the plane, 3 for those in space.
+    Nodes that are on no line cell are dropped; the others keep the file's order. `entry` is the dotted name of the
+    scene's entry, for the messages.
 
     Raises
     ------
@@ -215,3 +199,22 @@ def straight_beam(length: float, n_cells: int, start: float = 0.0, dimension: in
     if n_cells % 2 == 0:
         points["middle"] = n_cells // 2
     return LineMesh(nodes, cells, points)
+
+
+def refined(mesh: LineMesh, parts: int) -> LineMesh:
+    """Cut every cell into equal parts, at least 1; with 1 the mesh is returned as it is.
+
+    The old nodes keep their numbers, and with them named points and points given by a node's index; the new ones
+    follow, cell after cell. A curved body stays the polygon that its coarse mesh is.
+    """
+    if parts < 1:
+        raise ValueError(f"parts = {parts}; at least 1 is needed")
+    if parts == 1:
+        return mesh
+    share = np.arange(1, parts)[None, :, None] / parts
+    first, last = mesh.nodes[mesh.cells[:, 0]][:, None], mesh.nodes[mesh.cells[:, 1]][:, None]
+    inner = (1.0 - share) * first + share * last
+    numbers = mesh.n_nodes + np.arange(mesh.n_cells * (parts - 1)).reshape(mesh.n_cells, parts - 1)
+    chain = np.hstack([mesh.cells[:, :1], numbers, mesh.cells[:, 1:]])
+    cells = np.stack([chain[:, :-1], chain[:, 1:]], axis=-1).reshape(-1, 2)
+    return LineMesh(np.vstack([mesh.nodes, inner.reshape(-1, mesh.nodes.shape[1])]), cells, mesh.points, mesh.groups)

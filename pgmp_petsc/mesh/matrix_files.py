@@ -66,14 +66,7 @@ class MatrixFile:
 
 
 def read_matrix(path: Path, received: str) -> MatrixFile:
-    """Read a matrix.
-
-    Parameters
-    ----------
-    path
-        The file.
-    received
-        The scene's entry and its value, with which messages begin.
+    """Read a matrix; messages begin with `received`, the scene's entry and its value.
 
     Raises
     ------
@@ -206,12 +199,7 @@ def is_harwell_boeing(head: Sequence[str]) -> bool:
 
 
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
-    """Return the entries that a file lists, of a symmetric matrix often one triangle.
-
-    Parameters
-    ----------
-    lines
-        Of the whole file, without line ends.
+    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle.
 
     Raises
     ------
@@ -297,16 +285,8 @@ def in_order_of_nodes(
 ) -> sp.coo_matrix:
     """Return a matrix with its rows node after node, shape (d n_nodes, d n_nodes).
 
-    Parameters
-    ----------
-    file
-        The matrix.
-    rows
-        From `read_rows`; None where there is no such list.
-    nodes
-        All nodes of the body.
-    received, of_nodes
-        The scene's entries of the matrix and of the nodes, and their values.
+    `rows` are those of `read_rows`, None where there is no such list; `received` and `of_nodes` the scene's entries of
+    the matrix and of the nodes, with their values.
 
     Raises
     ------
@@ -396,22 +376,13 @@ class NodeFile:
 
 
 def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
-    """Read nodes.
-
-    Parameters
-    ----------
-    path
-        A mesh, or a file ending in .csv or .npz.
-    dimension
-        2 for nodes in the plane z = 0, or 3.
-    received
-        The scene's entry and its value, with which messages begin.
+    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3).
 
     Raises
     ------
     InputError
         If the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if its mesh is
-        not sound.
+        not sound. Messages begin with `received`.
     """
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):

@@ -56,14 +56,7 @@ class Counted:
 
 
 def read_mesh(path: Path, received: str) -> meshio.Mesh:
-    """Read `path` through meshio.
-
-    Parameters
-    ----------
-    path : Path
-        The mesh file.
-    received : str
-        The scene's entry and its value, with which messages begin, such as ``bodies.crank.mesh = "crank.msh"``.
+    """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``.
 
     Raises
     ------

@@ -52,17 +52,10 @@ class SolidMesh(Counted):
     def faces(self, name: str, entry: str) -> np.ndarray:
         """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
 
-        Parameters
-        ----------
-        name : str
-            A named group of faces.
-        entry : str
-            Dotted name of the scene's entry that asks, for the message.
-
         Raises
         ------
         InputError
-            If the name is unknown or holds no face.
+            If the name is unknown or holds no face; `entry` is the dotted name of the scene's entry that asks.
         """
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
@@ -97,11 +90,7 @@ def _known(names: dict[str, np.ndarray]) -> str:
 
 
 def set_numbers(rows: np.ndarray) -> np.ndarray:
-    """Number rows such that two of them have the same number where they hold the same nodes, in any order.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n, k)
+    """Number rows (n, k) so that two of them have the same number where they hold the same nodes, in any order.
 
     Returns
     -------
@@ -117,19 +106,8 @@ def set_numbers(rows: np.ndarray) -> np.ndarray:
 
 
 def cell_faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Return the faces of all cells, cell after cell, so that an inner face is there twice.
-
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type.
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-
-    Returns
-    -------
-    ndarray of int, shape (n_cells * n_faces, n_face_nodes)
-        Nodes in the order of the reference element's faces.
-    """
+    """Return the faces of all cells (n_cells, n_cell_nodes) of meshio's type `kind`, cell after cell, so that an inner
+    face is there twice: shape (n_cells n_faces, n_face_nodes), nodes in the order of the reference element's faces."""
     faces = reference_element(kind).faces
     return cells[:, faces].reshape(-1, faces.shape[1])
 

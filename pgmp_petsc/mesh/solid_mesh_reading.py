@@ -42,19 +42,10 @@ KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}
 
 
 def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
-    """Read the mesh of a plane or solid body from a file of one of meshio's formats.
+    """Read the mesh of a plane (2) or solid (3) body from a file of one of meshio's formats.
 
     Nodes are numbered anew from one end of the body to the other, cells in the order of their lowest node. Cells of
-    lower dimension serve as the faces of named groups only.
-
-    Parameters
-    ----------
-    path : Path or str
-        The mesh file.
-    dimension : int
-        Of the cells: 2 in the plane z = 0, or 3.
-    entry : str
-        Dotted name of the scene's entry, such as ``bodies.crank.mesh``, for the messages.
+    lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry.
 
     Raises
     ------
@@ -70,15 +61,7 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
 
 
 def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
-    """Return the body's mesh from what meshio has read.
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh
-    dimension : int
-        Of the cells, 2 or 3.
-    received : str
-        The scene's entry and its value, with which messages begin.
+    """Return the body's mesh from what meshio has read; `received` is the scene's entry and its value.
 
     Raises
     ------
@@ -282,26 +265,10 @@ Named = dict[str, np.ndarray]
 
 
 def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str) -> tuple[Named, Named, dict[str, int]]:
-    """Return groups of faces, regions of cells, and the number of nodes of every other name.
+    """Return groups of faces (n_faces, n_face_nodes), regions of cells (n,), and how many nodes other names hold.
 
-    Where a set of cells and a node set have the same name, the faces are those of the set of cells.
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh
-        What was read.
-    kind : str
-        meshio's name of the cell type.
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-        All cells of this type, block after block, in the file's numbers of nodes.
-    received : str
-        The scene's entry and its value, with which messages begin.
-
-    Returns
-    -------
-    groups : dict of str to ndarray of int, shape (n_faces, n_face_nodes)
-    regions : dict of str to ndarray of int, shape (n,)
-    small_groups : dict of str to int
+    Where a set of cells and a node set have the same name, the faces are those of the set of cells. `cells` are all
+    cells of meshio's type `kind`, block after block, in the file's numbers of nodes.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed, FullStatics
 from pgmp_petsc.dynamics.rank_solver import PREFIX
@@ -26,9 +26,9 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.runtime.seal import identity
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -72,8 +72,6 @@ class FullModel:
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
-        from pgmp_petsc.bodies.line_bodies import at_lengths
-
         return type(self)(scene, at_lengths(scene, self.meshes))
 
     def with_loads(self, scene: Scene) -> Self:
@@ -196,7 +194,7 @@ class FullModel:
         """
         frames = self.frames(system, state)[list(self.outputs.nodes)]
         with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
-            return self.outputs.left_range(self.outputs.observed(frames, np.empty((0, frames.shape[2]))))
+            return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
@@ -219,18 +217,25 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        q = np.empty((0, frames.shape[2]))
+        q = v = np.empty((0, frames.shape[2]))
         if self._stresses is not None:
             q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-        return self.observed_of(q, frames, system.values)
+        if self.outputs.n_rates:
+            v = np.concatenate([system.unpack(state.v) for state in states], axis=1)
+        return self.observed_of(q, frames, system.values, v)
 
-    def observed_of(self, q: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def observed_of(
+        self, q: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
 
-        Stresses alone need the unknowns (n_dofs, n). Parameter values are numbers, or of shape (n,).
+        Stresses alone need the unknowns (n_dofs, n), and outputs that read rates theirs. Parameter values are numbers,
+        or of shape (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
-        return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
+        nodes = list(self.outputs.nodes)
+        rates = Unknowns(self.kinematics.mechanism).frames(v)[nodes] if self.outputs.n_rates else None
+        return self.outputs.observed(frames[nodes], stresses, rates)
 
     def fields(self) -> FullFields:
         """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
@@ -185,12 +185,15 @@ class LengthLanes:
 
     def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the outputs, shape (n_outputs, n_samples)."""
-        return self.observed_of(state.q, system.values)
+        return self.observed_of(state.q, system.values, state.v)
 
-    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n)."""
+    def observed_of(
+        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the outputs for reduced coordinates (n, n_eta) and parameters (n,), shape (n_outputs, n); see
+        `ReducedModel`."""
         return self._sum(
-            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values)), len(eta)),
+            lambda member: _stacked(member.outputs.evaluate(member.observed_of(eta, values, v)), len(eta)),
             len(eta), values,
         )  # fmt: skip
 

@@ -162,15 +162,19 @@ class ReducedModel:
 
     def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples)."""
-        return self.observed_of(state.q, system.values)
+        return self.observed_of(state.q, system.values, state.v)
 
-    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def observed_of(
+        self, eta: np.ndarray, values: Mapping[str, np.ndarray | float], v: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n), for reduced coordinates (n, n_eta).
 
-        Parameter values are numbers, or of shape (n,).
+        Parameter values are numbers, or of shape (n,). Outputs that read rates need those of the coordinates,
+        (n, n_eta).
         """
         stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
-        return self.outputs.observed(self.output_frames_of(eta), stresses)
+        rates = self._of_outputs.rates(eta, v) if self.outputs.n_rates else None
+        return self.outputs.observed(self.output_frames_of(eta), stresses, rates)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene

@@ -48,8 +48,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.inertia_moments import director_inertia
-from pgmp_petsc.bodies.matrices import axial_stiffness
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.mechanism.null_space import NullSpace
-from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
+from pgmp_petsc.runtime.petsc import aij_matrix, times, transposed_times
 from pgmp_petsc.solvers.shift_invert import EigenPairs, ShiftInvertSolver
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import Literal
 from pydantic import Field
 
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import stress_problems
 from pgmp_petsc.scene.fields import Vector
 from pgmp_petsc.scene.outputs import OutputEntry
-from pgmp_petsc.scene.stress_checks import stress_problems
 
 
 class Stress(OutputEntry):
@@ -43,6 +43,11 @@ class Stress(OutputEntry):
         None, description="group of faces of a solid, or named point of a beam: the largest value there"
     )
     region: str | None = Field(None, description="region of cells of a solid: the largest value there")
+
+    @property
+    def kinked(self) -> bool:
+        """Whether it is asked of more than one place."""
+        return self.at is None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit its body."""

@@ -1,14 +1,14 @@
 """Outputs: what a user sees of a motion.
 
-All outputs but stresses are read of the frames of some nodes, whichever model moved them (`readings`). Stresses depend
-on what else a model knows of a body, and on parameters; each model evaluates them in its own way (`models.stresses`),
-and they stand behind the frames in what it observes.
+All outputs but stresses are read of the frames of some nodes and of their rates, whichever model moved them
+(`readings`). Stresses depend on what else a model knows of a body, and on parameters; each model evaluates them in its
+own way (`models.stresses`), and they stand behind the frames and rates in what it observes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.unit_systems import SI, unit_system
 
@@ -45,6 +46,8 @@ class OutputSet:
         everywhere: none is a deformation, or every coordinate is periodic.
     rigid
         The rigid mechanism that deformations are taken from; None where there are none.
+    n_rates
+        How many numbers of a frame have rates that outputs read, 0 where none does.
     """
 
     nodes: tuple[int, ...]
@@ -54,11 +57,13 @@ class OutputSet:
     stresses: tuple[StressOutput, ...] = ()
     reached: Callable[[Frames], np.ndarray] | None = None
     rigid: RigidReference | None = None
+    n_rates: int = 0
 
-    def observed(self, frames: np.ndarray, stresses: np.ndarray) -> np.ndarray:
-        """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n) and stresses
-        (n_stresses, n)."""
-        return np.concatenate([frames.reshape(len(self.nodes) * self.n_frame, stresses.shape[1]), stresses])
+    def observed(self, frames: np.ndarray, stresses: np.ndarray, rates: np.ndarray | None = None) -> np.ndarray:
+        """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n), stresses
+        (n_stresses, n) and, where outputs read them, rates of the frames (n_nodes, n_rates, n)."""
+        parts = [frames, rates] if self.n_rates else [frames]
+        return np.concatenate([*(part.reshape(-1, stresses.shape[1]) for part in parts), stresses])
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
@@ -71,11 +76,14 @@ class OutputSet:
         return lambda beside: self._evaluated(beside, poses)
 
     def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
-        by_node = self._by_node(observed)
+        by_node, n_nodes = self._by_node(observed), len(self.nodes)
         rigid = poses and poses(by_node)
-        of_stresses = dict(zip((stress.name for stress in self.stresses), observed[len(self.nodes) * self.n_frame :]))
+        behind = observed[n_nodes * self.n_frame :]
+        moving = behind[: n_nodes * self.n_rates].reshape(n_nodes, self.n_rates, observed.shape[1])
+        rates = dict(zip(self.nodes, moving))
+        of_stresses = dict(zip((stress.name for stress in self.stresses), behind[n_nodes * self.n_rates :]))
         return {
-            name: of_stresses[name] if reading is None else reading.value(by_node, rigid)
+            name: of_stresses[name] if reading is None else reading.value(by_node, rigid, rates)
             for name, reading in self.functions.items()
         }
 
@@ -115,8 +123,10 @@ class OutputSet:
                 functions[name], units[name] = None, stresses[-1].unit
                 nodes |= _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
                 continue
-            reading = entry.reading(f"outputs.{name}", start, kinematics)
-            functions[name], units[name] = reading, entry.unit
+            reading = replace(entry.reading(f"outputs.{name}", start, kinematics), rate=entry.reads == "rates")
+            if reading.rate and reading.of_coordinates:
+                raise InputError(f"outputs.{name}: a deformation is read, and has no rate; read that of a position")
+            functions[name], units[name] = reading, entry.unit_in(scene)
             nodes |= reading.nodes
         mechanism = kinematics.mechanism
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
@@ -128,7 +138,9 @@ class OutputSet:
         system = unit_system(scene)
         if system not in (None, SI):
             units = {name: system.unit(unit) for name, unit in units.items()}
-        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid)
+        reads_rates = any(reading is not None and reading.rate for reading in functions.values())
+        n_rates = mechanism.space.n_pose if reads_rates else 0
+        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid, n_rates)
 
 
 def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:

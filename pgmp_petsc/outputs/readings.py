@@ -1,5 +1,6 @@
 """What outputs read of frames: a statement about two points, a place, a rotation, or a place from that of the rigid
-mechanism. The same readings are evaluated here and in models in C (`code.statements`).
+mechanism. Of all but the last there are rates too. The same readings are evaluated here and in models in C
+(`code.statements`).
 
 Frames are ``(x, y, phi)`` in the plane, and in space position, directors and the rigid coordinates, which say how often
 a joint has turned. A deformation is the position less that of the rigid mechanism at the same measured coordinates,
@@ -50,6 +51,8 @@ class Reading:
         Whether the axis of a deformation is one of the body.
     of_coordinates
         Nodes that the rigid mechanism of a deformation is measured at.
+    rate
+        Whether it is how fast the number changes.
     """
 
     kind: Literal["MEASURE", "POSITION", "ROTATION", "DEFORMATION"]
@@ -61,6 +64,7 @@ class Reading:
     origin: float = 0.0
     in_body: bool = False
     of_coordinates: frozenset[int] = frozenset()
+    rate: bool = False
 
     @classmethod
     def of_angle(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None) -> Self:
@@ -88,8 +92,11 @@ class Reading:
         """The nodes whose frames are read."""
         return {side.node for side in self.sides if not side.on_ground} | self.of_coordinates
 
-    def value(self, frames: Frames, rigid: np.ndarray | None = None) -> np.ndarray:
-        """Return the number, shape (n,), for frames and poses of the rigid mechanism (n_bodies, n_pose, n)."""
+    def value(self, frames: Frames, rigid: np.ndarray | None = None, rates: Frames | None = None) -> np.ndarray:
+        """Return the number, shape (n,), for frames, poses of the rigid mechanism (n_bodies, n_pose, n), and rates of
+        frames."""
+        if self.rate:
+            return self._rate(frames, rates)
         if self.kind == "MEASURE":
             return self._measure(frames)
         (point,) = self.sides
@@ -112,6 +119,29 @@ class Reading:
             near = 0.0 if self.turns is None else self.turns.near(first[SPATIAL.n_pose :])
             return self.space.angle(self.statement, *sides, near)
         return self.statement.value(*map(self.space.natural, sides))
+
+
+    def _rate(self, frames: Frames, rates: Frames) -> np.ndarray:
+        if self.kind == "ROTATION":
+            return rates[self.sides[0].node][2]
+        moving = [self._moving(side, frames, rates) for side in self.sides]
+        if self.kind == "POSITION":
+            return moving[0][1][self.axis]
+        gradient = self.statement.gradient(*(z for z, _ in moving))
+        return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
+
+    def _moving(self, side: Attachment, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray]:
+        """Return position and directors of an attachment, and their rates, both (n_natural, n)."""
+        d = self.space.dimension
+        if side.on_ground:
+            z = self.space.natural(side.ground_frame(next(iter(frames.values())).shape[1:]))
+            return z, np.zeros_like(z)
+        frame, rate = frames[side.node], rates[side.node]
+        z = self.space.natural(side.frame_of(frame))
+        # in the plane a director turns to the other one, and that back
+        change = rate.copy() if d == 3 else np.concatenate([rate[:2], rate[2] * z[4:6], -rate[2] * z[2:4]])
+        change[:d] += np.einsum("j,jcn->cn", side.arm, change[d:].reshape(d, d, -1))
+        return z, change
 
 
 class RigidReference:

@@ -19,8 +19,8 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effect_checks import stressed_bodies
 from pgmp_petsc.scene.outputs import STRESSES
-from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 if TYPE_CHECKING:
     from pgmp_petsc.outputs.of_stresses import Stress

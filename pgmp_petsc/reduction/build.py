@@ -51,11 +51,11 @@ from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.effect_checks import stressed_bodies
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 # From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
 # with vectors as they are

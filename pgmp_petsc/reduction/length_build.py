@@ -12,9 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
-from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
@@ -25,7 +24,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, held, length_names
 from pgmp_petsc.scene.spanning_values import spanning_values

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -71,7 +71,7 @@ class LengthFamily:
     grid
         The grid.
     members
-        A model of each point, without meshes (`bodies.line_bodies` makes them), all in continuous bases.
+        A model of each point, without meshes (`bodies.shape` makes them), all in continuous bases.
     check
         Of the family against a model of none of these points.
     """

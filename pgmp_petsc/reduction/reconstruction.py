@@ -20,6 +20,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64
+DIFFERENCE = 2e-3  # of poses and displacements, m and rad, of fourth order: truncation leaves 1e-12, rounding 1e-13
 
 
 class Reconstruction:
@@ -108,6 +109,25 @@ class Reconstruction:
         """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
         return self._displacements(eta).reshape(len(eta), self._nodes.size, self._space.n_dofs)
 
+    def rates(self, eta: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the rates of position and rotation, in space of directors, (n_nodes, n_pose, n), for eta and its rates
+        (n, n_eta).
+
+        Poses and displacements in body frames have exact rates; what frames are made of these is smooth, and
+        differenced.
+        """
+        theta, local = self._theta(eta), self._displacements(eta)
+        poses, turning = self._kinematics.poses(theta), self._theta(v)
+        moving = np.einsum("bpkn,nk->bpn", self._kinematics.rates(poses), turning)
+        changes = self._changes(theta, np.ascontiguousarray(eta[:, theta.shape[1] :]))(v)
+        far = DIFFERENCE / np.maximum(np.maximum(np.abs(moving).max(axis=(0, 1)), np.abs(changes).max(axis=1)), 1e-300)
+        total = 0.0
+        for offset, factor in zip((-2.0, -1.0, 1.0, 2.0), (1.0, -8.0, 8.0, -1.0)):
+            h = offset * far
+            there = self._frames(theta, poses + h * moving, local + h[:, None] * changes)
+            total = total + factor * there[:, : self._space.n_pose]
+        return total / (12.0 * far)
+
     def along(self, eta: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]]:
         """Return `frames` at eta (n, n_eta), and what gives them on lines through eta, straight in displacements.
 
@@ -115,18 +135,13 @@ class Reconstruction:
         Displacements in body frames change by their exact derivative along the direction, so that no cell of the tables
         is left; poses are those of `RigidKinematics.near`.
         """
-        n_theta, local = self._kinematics.n_coordinates, self._displacements(eta)
-        theta, delta = self._theta(eta), np.ascontiguousarray(eta[:, n_theta:])
+        theta, local = self._theta(eta), self._displacements(eta)
         poses = self._kinematics.poses(theta)
         poses_near = self._kinematics.near(theta, poses)
-        slopes = [self._shapes.product(theta, delta, k) for k in range(n_theta)]
+        changes = self._changes(theta, np.ascontiguousarray(eta[:, theta.shape[1] :]))
 
         def line(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-            bending = direction[:, n_theta:]
-            changes = np.hstack([bending, pair_changes(delta, bending)]) if self._curved else bending
-            rates = self._shapes.product(theta, np.ascontiguousarray(changes))
-            for k, slope in enumerate(slopes):
-                rates += direction[:, k, None] * slope
+            rates = changes(direction)
 
             def at(far: np.ndarray) -> np.ndarray:
                 there = theta + far[:, None] * self._theta(direction)
@@ -135,6 +150,21 @@ class Reconstruction:
             return at
 
         return self._frames(theta, poses, local), line
+
+    def _changes(self, theta: np.ndarray, delta: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return what gives the exact derivative of displacements, (n, n_unknowns), along directions (n, n_eta)."""
+        n_theta = theta.shape[1]
+        slopes = [self._shapes.product(theta, delta, k) for k in range(n_theta)]
+
+        def along(direction: np.ndarray) -> np.ndarray:
+            bending = direction[:, n_theta:]
+            changes = np.hstack([bending, pair_changes(delta, bending)]) if self._curved else bending
+            rates = self._shapes.product(theta, np.ascontiguousarray(changes))
+            for k, slope in enumerate(slopes):
+                rates += direction[:, k, None] * slope
+            return rates
+
+        return along
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates

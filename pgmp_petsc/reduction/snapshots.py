@@ -147,30 +147,35 @@ class Compression:
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
         squares, vectors = squares[::-1], vectors[:, ::-1]
-        rank = _independent(grams, squares, vectors)
-        if rank < n_parameter:
+        chosen = _independent(grams, squares, vectors, n_parameter)
+        if len(chosen) < n_parameter:
             raise InputError(
                 f"reduction.parameter_modes = {n_parameter}: modes and static modes at other parameter values give no "
-                f"more than {rank} vectors that are independent at every configuration; take fewer"
+                f"more than {len(chosen)} vectors that are independent at every configuration; take fewer"
             )
-        vectors = vectors[:, :n_parameter]
+        squares, vectors = squares[chosen], vectors[:, chosen]
         largest = np.argmax(np.abs(vectors), axis=0)
         signs = np.sign(vectors[largest, range(n_parameter)])
-        return cls(signs * vectors / np.sqrt(squares[:n_parameter]), flipped[:, largest])
+        return cls(signs * vectors / np.sqrt(squares), flipped[:, largest])
 
     def beside(self, n_kept: int) -> np.ndarray:
         """Return the matrix leaving kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""
         return block_diag(np.eye(n_kept), self.matrix)
 
 
-def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray) -> int:
-    """Return how many of the leading vectors are independent at every configuration."""
+def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:
+    """Return the leading vectors, by number, that are independent at every configuration with those before them.
+
+    One that vanishes somewhere, as the answer to a spring does where that stands along a bar, is passed over.
+    """
     n = int(np.sum(squares > ROUND_OFF * squares[:1]))
     scaled = vectors[:, :n] / np.sqrt(squares[:n])
-    everywhere = scaled.T @ grams @ scaled
-    while n and np.linalg.eigvalsh(everywhere[:, :n, :n])[:, 0].min() < INDEPENDENT:
-        n -= 1
-    return n
+    everywhere, chosen = scaled.T @ grams @ scaled, []
+    for k in range(n):
+        tried = [*chosen, k]
+        if len(chosen) < most and np.linalg.eigvalsh(everywhere[:, tried][:, :, tried])[:, 0].min() >= INDEPENDENT:
+            chosen = tried
+    return chosen
 
 
 N_CONFIGURATIONS = 8  # at least, over the middles of a grid

@@ -2,7 +2,6 @@
 
 Fields of a run (`results.trajectory`) are drawn as they are; a body without one has the line between its joints.
 
-
 The film of a run: shapes of the mechanism at its frames, as numbers for the page's script.
 
 The picture is `SIZE` units wide. A body is where a rigid motion takes its undeformed nodes X, and bends from there:

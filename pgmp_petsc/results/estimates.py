@@ -3,7 +3,6 @@
 An error is, of a reduced run, its output less that of the full-order equations, with what the time step does wrong; of
 full-order and component runs what the time step does wrong. NaN where there is no estimate.
 
-
 The balance of energy of a run.
 
     kinetic + strain = (kinetic + strain at the start) + sum over effects of their work + residual

@@ -14,7 +14,6 @@ vertex of the parabola through the values at three equally distant instants,
 does not move with s to first order, so that its derivative is the same expression of the derivatives: exact for y*, and
 of second order in the step for the extreme of the history.
 
-
 Parameters that were fitted to a measured history.
 
 A design: parameters that meet a goal best under constraints.

@@ -3,7 +3,6 @@ chosen (``effects = "auto"``).
 
 The assembled mechanism as it stands at the start: what a picture of a scene needs.
 
-
 What was chosen for the tolerances of a scene, and why; a part of a reduced model's file.
 """
 

@@ -2,7 +2,6 @@
 
 Sobol indices of an output: which parameters its variance comes from.
 
-
 The probability of a rare event, and the samples that it follows from.
 """
 

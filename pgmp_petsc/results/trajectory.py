@@ -3,7 +3,6 @@
 Of every body whose mesh the model knows. Where a node has several values, of materials or of beams that meet there, it
 has what an output with `at` reports there. Where the rigid mechanism does not exist, deformation is not a number.
 
-
 One run over time: outputs, states and frames of the mechanism's shape.
 
 A run that stopped before its end has a `status` other than 0, the number of the reason (`dynamics.status`); the file

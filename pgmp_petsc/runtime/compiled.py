@@ -15,10 +15,11 @@ Compiling takes minutes where a run takes seconds: while it goes on, the counts 
 
 from __future__ import annotations
 
-import copy
+import ctypes
 import functools
 import hashlib
 import re
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -26,8 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from llvmlite import binding
-from numba.core import environment, event, sigutils
+from llvmlite import binding, ir
+from numba.core import cgutils, environment, event, imputils, sigutils, types, typing
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime import _nrt_python
 
@@ -35,16 +36,17 @@ from pgmp_petsc.runtime.progress import waits_for
 
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 COMPILING = "compiling, once for scenes of this kind"
+MAKE = "pgmp_make"  # what compiled code has a function apart made by
 PACKAGE = Path(__file__).parent.parent
 _IMPORT = re.compile(rf"^from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 _problems: list[str] = []
-#: Functions that others call by their names in compiled code: module, function and types of the arguments.
-_apart: dict[str, tuple[str, str, tuple]] = {}
+#: Of functions apart: the word with their address, module, function and types of the arguments, by name.
+_slots: dict[str, tuple[ctypes.c_void_p, str, str, tuple]] = {}
 _called_by_address: list[Any] = []
 
 
 def njit(
-    *, cache: bool = False, counted: bool = True, entry: bool = False, apart: bool = False, **options: Any
+    *, cache: bool = False, counted: bool = True, entry: bool = False, apart: Any = None, **options: Any
 ) -> Callable[[Callable], Callable]:
     """Return numba's decorator with the same options; a cache that fails is done without.
 
@@ -53,55 +55,130 @@ def njit(
     is not kept in the cache, as reading that is most of what loading a large function takes.
 
     Of what a function calls numba takes a copy into it, and optimises that again: code that is five calls deep is
-    compiled five times. A function `apart` is compiled once for each set of types, and called by its name; such a call
-    takes 1.4 ns for each array among its arguments, so that it is for functions that do much. Callers that are kept in
-    the cache have it loaded first. Twenty-five such functions take a full-order run's compiling from 78 to 47 s of a
-    processor.
+    compiled five times, and all that could be called is compiled. A function `apart` is compiled, or loaded, when it is
+    first called, once for each set of types: what a scene has not is not compiled. Such a call takes a nanosecond and
+    1.4 for each array among its arguments, so that it is for functions that do much. `apart` is True where nothing is
+    returned, else the type of what is, or what gives it from the types of the arguments.
+
+    What lets Python call a function, arguments taken from their objects and the function once more, is compiled for
+    entries, and for others where Python calls them: without it, `linked`, other functions call them.
     """
 
     def decorate(function: Callable) -> Callable:
         # nothing here is called from C; the wrapper for that would be compiled with each function. Whether references
         # are counted is said in either case: a function takes it from its first caller otherwise
         dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
-        if not numba.config.DISABLE_JIT:
-            dispatcher._compilation_chain_init_hook = _no_extensions
-        if cache and not numba.config.DISABLE_JIT:
-            dispatcher._cache = (_EntryCache if entry or apart else _LenientCache)(function)
-        if apart and not numba.config.DISABLE_JIT:
-            dispatcher.compile = functools.partial(_compile_apart, dispatcher)
+        if numba.config.DISABLE_JIT:
+            return dispatcher
+        dispatcher._compilation_chain_init_hook = _no_extensions
+        kind = _EntryCache if entry or apart else _LenientCache
+        if cache:
+            dispatcher._cache = kind(function)
+        if entry:
+            return dispatcher
+        linked = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(function)
+        linked._compilation_chain_init_hook = _no_extensions
+        if cache:
+            linked._cache = kind(function, "-linked")
+        dispatcher.linked = linked
+        dispatcher.get_call_template, dispatcher.get_overload = linked.get_call_template, linked.get_overload
+        if apart:
+            dispatcher.get_call_template = functools.partial(_call_template, linked, apart)
+            dispatcher.get_overload = functools.partial(_call_of, linked, apart)
         return dispatcher
 
     return decorate
 
 
-def _compile_apart(dispatcher: Any, signature: Any) -> Any:
-    """Compile a function, or load it, and let compiled callers find it by its name."""
+class NotCompiledError(RuntimeError):
+    """A function could not be compiled when it was called; why is written to standard error."""
+
+
+def _call_template(linked: Any, returns: Any, args: tuple, kws: dict) -> tuple:
+    """Return the signature of a call of a function apart, in numba's form; nothing is compiled."""
+    pysig, folded = linked._compiler.fold_argument_types(args, kws)
+    takes = tuple(types.unliteral(one) for one in folded)
+    signature = typing.signature(_returned(returns, takes), *takes)
+    name = linked.py_func.__name__
+    return typing.make_concrete_template(name, key=name, signatures=[signature]), pysig, folded, {}
+
+
+def _returned(returns: Any, takes: tuple) -> types.Type:
+    if returns is True:
+        return types.none
+    return returns if isinstance(returns, types.Type) else returns(*takes)
+
+
+def _call_of(linked: Any, returns: Any, signature: Any) -> Any:
+    """Return the key of what numba lowers a call of a function apart by."""
     arguments = tuple(sigutils.normalize_signature(signature)[0])
-    known = arguments in dispatcher.overloads
-    entry = type(dispatcher).compile(dispatcher, signature)
-    if not known and arguments in dispatcher.overloads:
-        made, function = dispatcher.overloads[arguments], dispatcher.py_func
-        text = f"{function.__module__}.{function.__qualname__}{arguments}"
-        name = f"{function.__qualname__}:{hashlib.sha256(text.encode()).hexdigest()}"
-        _apart[name] = function.__module__, function.__qualname__, arguments
-        binding.add_symbol(name, made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
-        named = copy.copy(made.fndesc)
-        named.mangled_name = name
-        context = dispatcher.targetctx
-        context.remove_user_function(made.entry_point)
-        context.insert_user_function(made.entry_point, named, [])  # nothing to be linked
-    return entry
+    returned = _returned(returns, arguments)
+    function = linked.py_func
+    text = f"{function.__module__}.{function.__qualname__}{arguments}"
+    key = f"{function.__qualname__}:{hashlib.sha256(text.encode()).hexdigest()}"
+    _make_slot(key, function.__module__, function.__qualname__, arguments)
+    if not linked.targetctx._defns[key].versions:
+
+        def call(context: Any, builder: ir.IRBuilder, sig: Any, args: Sequence) -> ir.Value:
+            return _lower_call(context, builder, key, returned, arguments, args)
+
+        call.signature, call.libs = arguments, ()
+        linked.targetctx._defns[key].append(call, call.signature)
+    return key
+
+
+def _lower_call(
+    context: Any, builder: ir.IRBuilder, key: str, returned: types.Type, takes: tuple, args: Sequence
+) -> ir.Value:
+    """Write the call of what the word of a function apart points to, which is compiled if it points nowhere."""
+    pointer = ir.IntType(8).as_pointer()
+    word = builder.module.globals.get(key) or ir.GlobalVariable(builder.module, pointer, key)
+    with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(word))):
+        make = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.IntType(32), [pointer.as_pointer()]), MAKE
+        )
+        status = builder.call(make, [word])
+        for number, error in enumerate((NotCompiledError, KeyboardInterrupt), 1):
+            with cgutils.if_unlikely(builder, builder.icmp_signed("==", status, ir.IntType(32)(number))):
+                context.call_conv.return_user_exc(builder, error, ())
+    kind = context.call_conv.get_function_type(returned, takes)
+    function = builder.bitcast(builder.load(word), kind.as_pointer())
+    status, value = context.call_conv.call_function(builder, function, returned, takes, args)
+    with cgutils.if_unlikely(builder, status.is_error):
+        context.call_conv.return_status_propagate(builder, status)
+    return imputils.impl_ret_new_ref(context, builder, returned, value)
+
+
+def _make_slot(key: str, module: str, function: str, arguments: tuple) -> None:
+    """Make known where compiled code finds the address of a function apart."""
+    if not _slots:
+        binding.add_symbol(MAKE, ctypes.cast(_make, ctypes.c_void_p).value)
+    if key not in _slots:
+        _slots[key] = ctypes.c_void_p(), module, function, arguments
+        binding.add_symbol(key, ctypes.addressof(_slots[key][0]))
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+def _make(address: int) -> int:
+    """Compile, or load, the function apart whose word has an address; return 0, or which exception to raise."""
+    try:
+        word, module, name, arguments = next(one for one in _slots.values() if ctypes.addressof(one[0]) == address)
+        linked = getattr(import_module(module), name).linked
+        linked.compile(arguments)
+        made = linked.overloads[arguments]
+        word.value = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    except KeyboardInterrupt:
+        return 2
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
 
 
 def _come_before(library: Any) -> list[Callable[[], None]]:
-    """Return what loads the functions that compiled code calls by their names."""
-    names = [function.name for function in library._final_module.functions if function.is_declaration]
-    return [functools.partial(_load_apart, *_apart[name]) for name in names if name in _apart]
-
-
-def _load_apart(module: str, function: str, arguments: tuple) -> None:
-    """Load a function that others call by its name, or compile it."""
-    getattr(import_module(module), function).compile(arguments)
+    """Return what makes known the functions apart that compiled code calls."""
+    names = [variable.name for variable in library._final_module.global_variables if variable.name in _slots]
+    return [functools.partial(_make_slot, name, *_slots[name][1:]) for name in names]
 
 
 def native_address(function: Callable, result: Any, takes: tuple) -> int:
@@ -133,8 +210,8 @@ class _LenientCache(FunctionCache):
     along, and looking for a folder tries to write there.
     """
 
-    def __init__(self, function: Callable) -> None:
-        self._function, self._is_open = function, False
+    def __init__(self, function: Callable, ending: str = "") -> None:
+        self._function, self._ending, self._is_open = function, ending, False
 
     def _open(self) -> bool:
         """Look for the folder, unless that was done; return whether there is one."""
@@ -142,9 +219,8 @@ class _LenientCache(FunctionCache):
             self._is_open, self._enabled = True, False
             try:
                 super().__init__(self._function)
-                mark = source_mark(self._function.__module__)
-                if mark is not None:
-                    self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, mark)
+                mark = source_mark(self._function.__module__) or self._impl.locator.get_source_stamp()
+                self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base + self._ending, mark)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
         return self._enabled

@@ -7,8 +7,8 @@ A thread writes them, so that work of which no unit is done yet is seen to go on
 What is left is told by the rate of the last part of the work, without the time that it waited for the compiler: what
 comes first is slower as a rule. Units that are under way count by the share of their steps that is done.
 
-Between counts a person at a terminal sees which phase goes on (`Beat`); where there is none, the log has a line when
-that waits for the compiler.
+Between counts a person at a terminal sees which phase goes on, and a log has a line of it (`Beat`): neither is without
+a word for longer than `EVERY`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pgmp_petsc.runtime.errors import visible
 
@@ -44,32 +44,39 @@ _beats: list[Beat] = []  # those that look
 _phases: list[str] = []  # what goes on, the innermost last
 
 
-class Progress(Protocol):
-    """What :func:`progress` returns: a context manager that counts."""
+class Progress:
+    """A count of work, a context manager; what :func:`progress` returns.
 
-    def update(self, n: int = 1) -> object:
-        """Count ``n`` further units of work as done."""
+    Parameters
+    ----------
+    total
+        Units of work; None where it is not known before: a search ends when it ends.
+    initial
+        Units that were done before.
+    """
 
-    def within(self, units: float) -> object:
-        """Say how many units are done within those under way, 0 when they are counted."""
-
-    def __enter__(self) -> Progress: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool | None: ...
-
-
-class Silent:
-    """A count that shows nothing."""
+    def __init__(self, total: float | None = None, initial: int = 0) -> None:
+        self._total, self._done, self._part = total, initial, 0.0
 
     def update(self, n: int = 1) -> None:
-        """Do nothing."""
+        """Count ``n`` further units of work as done."""
+        self._done += n
+        self.look()
 
     def within(self, units: float) -> None:
-        """Do nothing."""
+        """Say how many units are done within those under way, 0 when they are counted."""
+        self._part = max(self._part, units) if units > 0.0 else 0.0
+        self.look()
 
-    def __enter__(self) -> Silent:
+    def look(self) -> None:
+        """Show how far the work is."""
+
+    @property
+    def _so_far(self) -> float:
+        done = self._done + self._part
+        return done if self._total is None else min(done, float(max(self._total, self._done)))
+
+    def __enter__(self) -> Progress:
         return self
 
     def __exit__(
@@ -78,19 +85,38 @@ class Silent:
         return None
 
 
-class Lines:
+class Silent(Progress):
+    """A count that shows nothing."""
+
+
+class _Watched:
+    """What a thread of its own looks at now and then, within a block."""
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+
+    def _watch(self, kept: list[Any], pause: Callable[[], float]) -> None:
+        """Begin, as one of those that are kept; `pause` returns the seconds to the next look."""
+
+        def looking() -> None:
+            while not self._ended.wait(pause()):
+                self.look()
+
+        kept.append(self)
+        threading.Thread(target=looking, daemon=True).start()
+
+
+class Lines(Progress, _Watched):
     """A count that writes a line now and then.
 
     Parameters
     ----------
-    total
-        Units of work; None where it is not known before: a search ends when it ends.
+    total, initial
+        As of `Progress`; what was done before does not tell how fast the others go.
     description
         What is counted.
     stream
         Where the lines go.
-    initial
-        Units that were done before; they do not tell how fast the others go.
     clock
         Seconds since any instant.
     """
@@ -103,31 +129,15 @@ class Lines:
         initial: int = 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._total, self._description, self._stream, self._clock = total, description, stream, clock
-        self._initial = self._done = initial
-        self._part = 0.0
+        Progress.__init__(self, total, initial)
+        _Watched.__init__(self)
+        self._description, self._stream, self._clock, self._initial = description, stream, clock, initial
         self._start = clock()
         self._seen = deque([(0.0, float(initial))])  # s without waiting, units
         self._waited = waited(self._start)
-        self._next = self._start + EVERY
+        self._next = min([self._start + EVERY, *(max(one.due, self._start) for one in _beats)])
         self._said = -1  # the count of the last line
         self._turn = threading.Lock()
-        self._ended = threading.Event()
-
-    def update(self, n: int = 1) -> None:
-        """Count ``n`` further units of work as done."""
-        self._done += n
-        self.look()
-
-    def within(self, units: float) -> None:
-        """Say how many units are done within those under way, 0 when they are counted."""
-        self._part = max(self._part, units) if units > 0.0 else 0.0
-        self.look()
-
-    @property
-    def _so_far(self) -> float:
-        done = self._done + self._part
-        return done if self._total is None else min(done, float(max(self._total, self._done)))
 
     def look(self) -> None:
         """Write a line if it is time."""
@@ -151,8 +161,7 @@ class Lines:
             self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
 
     def __enter__(self) -> Lines:
-        _counts.append(self)
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._watch(_counts, lambda: min(max(self._next - self._clock(), 0.01), EVERY))
         return self
 
     def __exit__(
@@ -164,12 +173,10 @@ class Lines:
         if 0 <= self._said < self._done >= (self._total or 0) and kind is None:
             self._say(_words(self._clock() - self._start))
 
-    def _watch(self) -> None:
-        while not self._ended.wait(min(max(self._next - self._clock(), 0.01), EVERY)):
-            self.look()
-
     def _say(self, times: str) -> None:
         self._said = self._done
+        for one in _beats:
+            one.due = self._clock() + EVERY
         of = "" if self._total is None else f" of {self._total}"
         try:
             print(f"{self._description}: {int(self._so_far)}{of}, {times}", file=self._stream, flush=True)
@@ -196,26 +203,17 @@ def progress(total: int | None, description: str, comm: MPI.Comm, initial: int =
     return _Bar(bar)
 
 
-class _Bar:
+class _Bar(Progress):
     """A bar at a terminal; units within those under way move it too."""
 
     def __init__(self, bar: tqdm) -> None:
-        self._bar, self._done, self._part = bar, bar.n, 0.0
+        super().__init__(bar.total, bar.n)
+        self._bar = bar
 
-    def update(self, n: int = 1) -> None:
-        """Count ``n`` further units of work as done."""
-        self._done += n
-        self._show()
-
-    def within(self, units: float) -> None:
-        """Say how many units are done within those under way, 0 when they are counted."""
-        self._part = max(self._part, units) if units > 0.0 else 0.0
-        self._show()
-
-    def _show(self) -> None:
-        done, total = int(self._done + self._part), self._bar.total
-        done = done if total is None else max(min(done, int(total)), self._done)
-        if done > self._bar.n:  # it never goes back: others may be less far with theirs
+    def look(self) -> None:
+        """Move the bar, which never goes back: others may be less far with theirs."""
+        done = int(self._so_far)
+        if done > self._bar.n:
             self._bar.update(done - self._bar.n)
 
     def __enter__(self) -> _Bar:
@@ -230,21 +228,25 @@ class _Bar:
         self._bar.__exit__(kind, error, trace)
 
 
-class Beat:
+class Beat(_Watched):
     """Shows that a command goes on while nothing is counted: what it does, or waits for, and for how long.
 
-    A person sees a line that the next one takes the place of. A log has lines of what is waited for alone, as seldom as
-    those of counts.
+    A person sees a line that the next one takes the place of; a log has lines as seldom as those of counts.
+
+    Attributes
+    ----------
+    due
+        When something is to be said, by the clock, s.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
         self._stream, self._clock, self._person = stream, clock, stream.isatty()
-        self._ended, self._since, self._what, self._next = threading.Event(), clock(), "", 0.0
+        self._since, self._what, self.due = clock(), "", clock() + EVERY
         self._shown = False
 
     def __enter__(self) -> Beat:
-        _beats.append(self)
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._watch(_beats, lambda: min(BEAT, max(self.due - self._clock(), 0.05)))
         return self
 
     def __exit__(
@@ -255,17 +257,19 @@ class Beat:
         self.clear()
 
     def look(self) -> None:
-        """Show what goes on, if it has for `EVERY` seconds and no count shows it."""
-        waits, now = _waits_for[-1:], self._clock()
+        """Show what goes on, if nothing was said for `EVERY` seconds and no count shows it."""
+        now = self._clock()
         for bar in _bars:  # its time goes on where no unit comes to its end
             if self._person and not bar.disable:
                 bar.refresh()
-        what = "" if _counts else waits[0] if waits else _phases[-1] if _phases else "working"
+        what = "" if _counts else (_waits_for or _phases or ["working"])[-1]
         if what != self._what:
             self.clear()
-            self._what, self._since, self._next = what, now, now + EVERY
-        elif what and now >= self._next and (self._person or waits):
-            self._next = now + (BEAT if self._person else EVERY)
+            self._what, self._since = what, now
+        if not what:
+            self.due = now + EVERY if self._person else self.due  # a bar shows that, and lines of a log say so
+        elif now >= self.due:
+            self.due = now + (BEAT if self._person else EVERY)
             start, end = ("\r\x1b[K", "\r") if self._person else ("", "\n")
             self._shown = True
             self._write(f"{start}pgmp: {what}, {_words(now - self._since)}{end}")
@@ -275,10 +279,6 @@ class Beat:
         if self._person and self._shown:
             self._shown = False
             self._write("\r\x1b[K")
-
-    def _watch(self) -> None:
-        while not self._ended.wait(BEAT):
-            self.look()
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):  # nobody reads it any more
@@ -340,6 +340,8 @@ def announce(text: str, comm: MPI.Comm) -> None:
         return
     # not over the bar of a terminal
     start = "\r\x1b[K" if sys.stderr.isatty() else ""
+    for one in _beats:
+        one.due = _now() + EVERY
     with suppress(OSError):
         print(f"{start}pgmp: {visible(text)}", file=sys.stderr, flush=True)
 

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pgmp_petsc.runtime.claims import locked
+from pgmp_petsc.runtime.claims import lock_path, locked
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
-from pgmp_petsc.runtime.lock import lock_path
 from pgmp_petsc.runtime.seal import BrokenSeal, check_seal
 
 LABEL = "steps.json"

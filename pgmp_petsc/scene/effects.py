@@ -29,7 +29,7 @@ from pgmp_petsc.scene.units import SI, UnknownUnit, take_unit
 from pgmp_petsc.scene.uses import Use
 
 if TYPE_CHECKING:
-    from pgmp_petsc.scene.findings import Finding
+    from pgmp_petsc.scene.messages import Finding
     from pgmp_petsc.scene.schema import Scene
 
 TABLE = (

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeGuard, get_args
@@ -171,10 +172,27 @@ def _one_line(value: str) -> str:
     return value
 
 
-def _number_or_parameter(value: object) -> object:
-    if not (isinstance(value, str) or is_number(value)):
-        raise refusal("a finite number or the name of a parameter is needed")
-    return value
+def _needed(what: str, fits: Callable[[Any], bool]) -> BeforeValidator:
+    """Return the check of a value as it is written, which says `what` is needed where it does not fit."""
+
+    def check(value: object) -> object:
+        if not fits(value):
+            raise refusal(what)
+        return value
+
+    return BeforeValidator(check)
+
+
+def _is_list(value: object, *lengths: int) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) in lengths
+
+
+def _are_numbers(*lengths: int) -> Callable[[Any], bool]:
+    return lambda value: _is_list(value, *lengths) and all(map(is_number, value))
+
+
+def _is_number_or_name(value: object) -> bool:
+    return isinstance(value, str) or is_number(value)
 
 
 def no_parameter(why: str) -> BeforeValidator:
@@ -188,65 +206,6 @@ def no_parameter(why: str) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
-
-
-def _positive_or_parameter(value: object) -> object:
-    if not (isinstance(value, str) or is_number(value) and value > 0):
-        raise refusal("a positive number or the name of a parameter is needed")
-    return value
-
-
-def _not_negative_or_parameter(value: object) -> object:
-    if not (isinstance(value, str) or is_number(value) and value >= 0):
-        raise refusal("a number that is not negative or the name of a parameter is needed")
-    return value
-
-
-def _two_numbers(value: object) -> object:
-    if not (isinstance(value, (list, tuple)) and len(value) == 2 and all(map(is_number, value))):
-        raise refusal("two finite numbers in brackets are needed, such as [0.0, 1.0]")
-    return value
-
-
-def _two_or_three_numbers(value: object) -> object:
-    if not (isinstance(value, (list, tuple)) and len(value) in (2, 3) and all(map(is_number, value))):
-        raise refusal("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]")
-    return value
-
-
-def _number_and_number_or_parameter(value: object) -> object:
-    fine = isinstance(value, (list, tuple)) and len(value) == 2
-    if not (fine and is_number(value[0]) and (isinstance(value[1], str) or is_number(value[1]))):
-        raise refusal("a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]")
-    return value
-
-
-def _three_numbers(value: object) -> object:
-    if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
-        raise refusal("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]")
-    return value
-
-
-def _two_or_three_or_parameters(value: object) -> object:
-    fine = isinstance(value, (list, tuple)) and len(value) in (2, 3)
-    if not (fine and all(isinstance(part, str) or is_number(part) for part in value)):
-        raise refusal(
-            "two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0], each a number or a "
-            "parameter's name"
-        )
-    return value
-
-
-def _two_points(value: object) -> object:
-    if not (isinstance(value, (list, tuple)) and len(value) == 2):
-        raise refusal('two points in brackets are needed, such as ["ground:origin", "crank:hinge"]')
-    return value
-
-
-def _point(value: object) -> object:
-    if not (isinstance(value, str) and all(split_point(value))):
-        raise refusal('a point is needed, written "body:point" or "ground:point"')
-    return value
 
 
 def _increasing(value: tuple[float, float]) -> tuple[float, float]:
@@ -275,14 +234,17 @@ Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
 NumberOrParameter = Annotated[
     float | str,
-    BeforeValidator(_number_or_parameter),
+    _needed("a finite number or the name of a parameter is needed", _is_number_or_name),
     AfterValidator(_sensible_numbers),
     Quantified("any"),
 ]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[
     float | str,
-    BeforeValidator(_positive_or_parameter),
+    _needed(
+        "a positive number or the name of a parameter is needed",
+        lambda value: _is_number_or_name(value) and (isinstance(value, str) or value > 0),
+    ),
     AfterValidator(_sensible_numbers),
     _either(exclusiveMinimum=0),
     Quantified("positive"),
@@ -290,7 +252,10 @@ PositiveOrParameter = Annotated[
 #: A number that is not negative, or the name of a parameter.
 NotNegativeOrParameter = Annotated[
     float | str,
-    BeforeValidator(_not_negative_or_parameter),
+    _needed(
+        "a number that is not negative or the name of a parameter is needed",
+        lambda value: _is_number_or_name(value) and (isinstance(value, str) or value >= 0),
+    ),
     AfterValidator(_sensible_numbers),
     _either(minimum=0),
     Quantified("not negative"),
@@ -300,11 +265,18 @@ PositiveNumber = Annotated[Number, Field(gt=0.0)]
 #: A number that is not negative.
 NotNegative = Annotated[Number, Field(ge=0.0)]
 #: Two finite numbers (x, y).
-Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers), AfterValidator(_sensible_numbers)]
+Pair = Annotated[
+    tuple[float, float],
+    _needed("two finite numbers in brackets are needed, such as [0.0, 1.0]", _are_numbers(2)),
+    AfterValidator(_sensible_numbers),
+]
 #: A time (s), and a number or the name of a parameter.
 Row = Annotated[
     tuple[float, float | str],
-    BeforeValidator(_number_and_number_or_parameter),
+    _needed(
+        "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]",
+        lambda value: _is_list(value, 2) and is_number(value[0]) and _is_number_or_name(value[1]),
+    ),
     AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "prefixItems": [{"type": "number"}, _either().json_schema]}),
 ]
@@ -321,30 +293,51 @@ Along = Annotated[
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
 Vector = Annotated[
     tuple[float, ...],
-    BeforeValidator(_two_or_three_numbers),
+    _needed("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]", _are_numbers(2, 3)),
     AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}),
 ]
 #: A place (m): two entries (x, y) in the plane, three in space, each a number or the name of a parameter.
 Place = Annotated[
     tuple[float | str, ...],
-    BeforeValidator(_two_or_three_or_parameters),
+    _needed(
+        "two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0], each a number or a "
+        "parameter's name",
+        lambda value: _is_list(value, 2, 3) and all(map(_is_number_or_name, value)),
+    ),
     AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "items": _either().json_schema, "minItems": 2, "maxItems": 3}),
 ]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 #: Three finite numbers (x, y, z).
-Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers), AfterValidator(_sensible_numbers)]
+Triple = Annotated[
+    tuple[float, float, float],
+    _needed("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]", _are_numbers(3)),
+    AfterValidator(_sensible_numbers),
+]
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]
 #: "body:point" or "ground:point".
-Point = Annotated[str, BeforeValidator(_point), WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"})]
+Point = Annotated[
+    str,
+    _needed(
+        'a point is needed, written "body:point" or "ground:point"',
+        lambda value: isinstance(value, str) and all(split_point(value)),
+    ),
+    WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"}),
+]
 #: The two points that a joint connects.
-Connection = Annotated[tuple[Point, Point], BeforeValidator(_two_points)]
+Connection = Annotated[
+    tuple[Point, Point],
+    _needed(
+        'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]',
+        lambda value: _is_list(value, 2),
+    ),
+]
 
 
 Rows = tuple[tuple[float, float | str], ...]

@@ -44,25 +44,32 @@ OF_FIBRES = ("stress_max", "stress_min")
 class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
-    #: What it reads of a motion: ``frames`` of nodes, which `reading` takes, or ``stresses``, which models observe.
-    reads: ClassVar[Literal["frames", "stresses"]]
+    #: What it reads of a motion: ``frames`` of nodes, of which it is what `reading` returns; their ``rates``, with which
+    #: it is how fast that changes; or ``stresses``, which models observe.
+    reads: ClassVar[Literal["frames", "rates", "stresses"]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()
-    #: Unit of what is read of frames.
+    #: Unit of what is read of frames, or of its rate.
     unit: ClassVar[str] = ""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if not OUTPUTS.take(cls):
             return
-        if getattr(cls, "reads", None) not in ("frames", "stresses"):
-            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "stresses")')
-        if (cls.reading is not OutputEntry.reading) != (cls.reads == "frames"):
-            raise refuse(cls, 'an output has the method reading(self, name, start, kinematics) if it reads "frames"')
-        if bool(cls.unit) != (cls.reads == "frames"):
+        if getattr(cls, "reads", None) not in ("frames", "rates", "stresses"):
+            raise refuse(cls, 'an output says what it reads: reads = "frames" (or "rates", "stresses")')
+        of_frames = cls.reads != "stresses"
+        if (cls.reading is not OutputEntry.reading) != of_frames:
+            words = 'an output has the method reading(self, name, start, kinematics) if it reads "frames" or "rates"'
+            raise refuse(cls, words)
+        if bool(cls.unit) != of_frames:
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
         if bool(cls.joints) != ("joint" in cls.model_fields):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return its unit, where that is not the same for all."""
+        return self.unit
 
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
         """Return what is read of frames, an `outputs.readings.Reading`.
@@ -82,6 +89,11 @@ class OutputEntry(Table):
             If a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
+
+    @property
+    def kinked(self) -> bool:
+        """Whether it is the largest at many points: its history has kinks where another point takes over."""
+        return False
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""

@@ -15,6 +15,7 @@ from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effect_checks import (
     effect_problems,
     joint_problems,
+    motion_problems,
     point_problems,
     points_problems,
     unknown,
@@ -123,9 +124,10 @@ def _outputs(scene: Scene) -> Iterator[str]:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
         if name == "time":
             yield problem("outputs.time", "result files keep instants under this name; give the output another one")
-        if output.joints:
+        if output.joints and output.joint is not None:
             fitting = joints_with(*output.joints, dimension=scene.dimension)
             yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, fitting)
+            yield from motion_problems(scene, f"outputs.{name}", output)
         if getattr(output, "points", None) is not None:
             yield from points_problems(scene, f"outputs.{name}.points", output.points)
         if getattr(output, "point", None) is not None:

@@ -13,12 +13,19 @@ from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effect_checks import part_problems, parts_of
 from pgmp_petsc.scene.effects import Effect
-from pgmp_petsc.scene.ensemble import Ensemble, ensemble_problems
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.lengths import length_problems
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import Initial, InitialState, Reduction, Reference, Simulation
+from pgmp_petsc.scene.numerics import (
+    Ensemble,
+    Initial,
+    InitialState,
+    Reduction,
+    Reference,
+    Simulation,
+    ensemble_problems,
+)
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, correlation_problems
 from pgmp_petsc.scene.random_fields import RandomField, field_problems

@@ -28,8 +28,7 @@ import numpy as np
 from pgmp_petsc.runtime import signals
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, RunError, counted
-from pgmp_petsc.runtime.matrices import solve_columns
-from pgmp_petsc.runtime.petsc import petsc_solver
+from pgmp_petsc.runtime.petsc import petsc_solver, solve_columns
 from pgmp_petsc.runtime.progress import announce
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, shapes_of
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import extremes, length_names
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes

@@ -44,7 +44,7 @@ from pgmp_petsc.reduction.static_loads import InfluenceProbe
 from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError, Remark, note, warning
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effect_checks import parts_of
 from pgmp_petsc.scene.effects import AddedMass

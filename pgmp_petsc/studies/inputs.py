@@ -19,8 +19,8 @@ from pgmp_petsc.reduction.served_range import check_served, served_ranges
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene.effect_checks import stressed_bodies
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.stress_checks import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
 if TYPE_CHECKING:

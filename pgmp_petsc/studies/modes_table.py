@@ -41,9 +41,9 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.design_figures import DesignFigures, Question
 from pgmp_petsc.studies.fitting import served_remarks

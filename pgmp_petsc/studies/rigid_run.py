@@ -22,7 +22,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Table
 from pgmp_petsc.scene.uses import BODY, MATERIAL

@@ -18,7 +18,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import correlation_matrix
 

@@ -48,7 +48,7 @@ from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
@@ -283,7 +283,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.history()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.observed_of(history.q, model.scene.values)
+            outputs = model.observed_of(history.q, model.scene.values, history.v)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
@@ -403,7 +403,7 @@ def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[
         f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
         f"{model.scene.simulation.duration:g} s: {status.meaning}"
     )
-    return [warning("; ".join(filter(None, (what, reason or status.cure))))]
+    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name)))))]
 
 
 def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:
@@ -425,5 +425,5 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     return (
         f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
         f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
-        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure}"
+        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure(model.name)}"
     )

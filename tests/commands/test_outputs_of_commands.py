@@ -18,8 +18,8 @@ from sealed import resealed
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime import lock
-from pgmp_petsc.runtime.lock import OutputLock
+from pgmp_petsc.runtime import claims
+from pgmp_petsc.runtime.claims import OutputLock
 
 SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 SHORT = overridden("simulation.duration=0.005")
@@ -160,7 +160,7 @@ def test_models_for_other_programs(folder: Path, capsys: pytest.CaptureFixture[s
 def test_a_second_job_with_the_same_output_is_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(lock, "PATIENCE", 0.0)
+    monkeypatch.setattr(claims, "PATIENCE", 0.0)
     outputs = {
         "build": (SCENE,), "modes": (SCENE,), "tradeoff": (SCENE,), "simulate": (folder / "rom.h5",),
         "montecarlo": (folder / "rom.h5", "-n", 2),

@@ -17,7 +17,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import json_text, summary_of
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 
 UNCERTAIN = (
     *SMALL,

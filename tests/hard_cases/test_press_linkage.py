@@ -131,7 +131,7 @@ def test_a_full_order_run_that_fails_keeps_its_part_too(capfd: pytest.CaptureFix
     assert run.status in (Status.NOT_CONVERGED, Status.NOT_FINITE) and 0.002 < run.time[-1] < 0.01
     assert all(np.isfinite(values).all() for values in run.outputs.values())
     texts = [remark.text for remark in run.record.remarks]
-    assert texts[0].startswith("full simulation stopped at 0.0") and Status(run.status).cure in texts[0]
+    assert texts[0].startswith("full simulation stopped at 0.0") and Status(run.status).cure("full") in texts[0]
     assert "steps down to 1/8 of simulation.step = 0.001 s" in texts[1]
     assert texts[2] == "errors of the time step were not estimated: the run stopped before its end"
     assert texts[3].startswith("errors of the mesh were not estimated")

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.resources import Timings
 
 
 class LocatedError(RunError):

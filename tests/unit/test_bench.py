@@ -7,9 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+from tradeoffs import small_scene
 
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
+from pgmp_petsc.bench.cases import Training, held_out
+from pgmp_petsc.bench.finished import Price
+from pgmp_petsc.bench.reference import Reference
 from pgmp_petsc.dynamics.alpha_step import LENGTHS
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene.numerics import Reduction
@@ -83,3 +88,15 @@ def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed
     seconds = Bench.seconds(timed, FullModel(scene, meshes_of(scene)), 100, 1)
     np.testing.assert_allclose(seconds, len(LENGTHS) + 100.0)
     assert taken == [FEWEST_STEPS]
+
+
+def test_runs_of_one_model_count_also_beyond_the_range_and_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    limited = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
+    scene = small_scene(limited, "simulation.initial.theta.velocity=100.0")
+    reference = Reference(FullModel(scene, meshes_of(scene)), Price(0.0, 0.0), "", {})
+    runs = Bench(reference, Training.of_own_loads(scene, *held_out(scene)), MPI.COMM_SELF)
+    assert runs.most_steps == np.inf
+    moved = runs.moved(20, 40)
+    assert moved.by_output[0] > 0.0 and moved.values.shape == (1, 2, 8)
+    monkeypatch.setattr(bench, "run_history", None)
+    np.testing.assert_array_equal(runs.moved(20, 40).values, moved.values)

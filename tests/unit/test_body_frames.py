@@ -8,7 +8,7 @@ import pytest
 
 from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities, to_body, to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -94,14 +94,12 @@ def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_fram
     np.testing.assert_allclose(in_body, stiffness.toarray(), rtol=0, atol=1e-11 * np.abs(tangent).max())
 
 
-def test_rigid_curvatures_are_the_second_derivative_of_the_placed_nodes(kinematics: RigidKinematics) -> None:
+def test_accelerations_of_bodies_are_the_second_derivative_of_the_placed_nodes(kinematics: RigidKinematics) -> None:
     mechanism, theta, step = kinematics.mechanism, 0.9, 1e-3
     places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
     second = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
     poses = kinematics.poses(np.array([theta]))
-    rates = kinematics.rates(poses)
-    curvatures = kinematics.curvatures(poses, rates)[..., 0]
-    result = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures)
+    result = linear_motion(mechanism, kinematics.motion(np.array([theta])).accelerations)
     assert result.shape == (mechanism.n_dofs, 1, 1)
     # second order, 1e-6 times the fourth derivative over 12, and poses solved to 1e-12 over the square of the step
     np.testing.assert_allclose(to_inertial(mechanism, poses[..., 0], result)[:, 0, 0], second, rtol=0, atol=1e-5)

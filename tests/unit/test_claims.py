@@ -18,16 +18,15 @@ import synthetic
 from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.runtime import claims, lock
-from pgmp_petsc.runtime.claims import check_output, claimed
+from pgmp_petsc.runtime import claims
+from pgmp_petsc.runtime.claims import OutputLock, check_output, claimed, lock_path
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, write_file
-from pgmp_petsc.runtime.lock import OutputLock, lock_path
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from pgmp_petsc.runtime.lock import OutputLock
+from pgmp_petsc.runtime.claims import OutputLock
 with OutputLock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
@@ -36,9 +35,9 @@ with OutputLock(Path(sys.argv[1])):
 COMPETE = """
 import sys, time
 from pathlib import Path
-from pgmp_petsc.runtime import lock
-from pgmp_petsc.runtime.lock import OutputLock
-lock.PATIENCE = 600.0
+from pgmp_petsc.runtime import claims
+from pgmp_petsc.runtime.claims import OutputLock
+claims.PATIENCE = 600.0
 output, inside = Path(sys.argv[1]), Path(sys.argv[1] + ".inside")
 for _ in range(40):
     with OutputLock(output):
@@ -192,7 +191,7 @@ def test_a_working_directory_that_was_removed(tmp_path: Path, monkeypatch: pytes
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "PATIENCE", 0.1)
+    monkeypatch.setattr(claims, "PATIENCE", 0.1)
 
 
 @pytest.fixture
@@ -267,9 +266,9 @@ def test_a_file_system_without_locks_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(*_: object) -> None:
-        raise OSError(lock.errno.EOPNOTSUPP, "Operation not supported")
+        raise OSError(claims.errno.EOPNOTSUPP, "Operation not supported")
 
-    monkeypatch.setattr(lock.fcntl, "flock", refuse)
+    monkeypatch.setattr(claims.fcntl, "flock", refuse)
     with claimed(MPI.COMM_SELF, tmp_path / "f.h5", "rom"):
         assert "f.h5' has no locks: no other job may write the same output" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())

@@ -62,13 +62,6 @@ def with_field() -> Scene:
     return scene_from_toml(QUICK_RETURN + field, ".")
 
 
-def test_stops() -> None:
-    stop = '[effects.extra]\ntype = "end_stop"\njoint = "rocker_hinge"\nupper = 3.0\nstiffness = 10.0\n'
-    found = reduced_model(scene_from_toml(QUICK_RETURN + stop, "."))
-    with pytest.raises(InputError, match=r"effects\.extra: an end_stop, whose contact is searched .* Build without it"):
-        constants_of(found, "it")
-
-
 def test_tables_too_large(model, monkeypatch) -> None:
     monkeypatch.setattr(constants, "MOST_NUMBERS", 10)
     with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written"):

@@ -59,35 +59,51 @@ print("numba.np.arrayobj" in sys.modules, len(stairs.stats.cache_hits))
 print(stairs(np.arange(2)).tolist(), "numba.np.arrayobj" in sys.modules, stairs(np.ones(1)).tolist(), cache_problem())
 """
 
-# a function in another file that is called by its name, and whether its code is in its caller
+# functions in another file that are made when they are first called
 APART = """
+from numba import types
 from pgmp_petsc.runtime.compiled import njit
 
 @njit(cache=True, apart=True)
-def halved(pair, x):
+def halved(pair, x, by=0.5):
     for i in range(x.size):
-        x[i] *= 0.5 * pair[0]
+        x[i] *= by * pair[0]
+
+@njit(cache=True, apart=lambda x: x.dtype)
+def added(x):
+    return x.sum()
+
+@njit(cache=True, apart=types.float64)
+def wrong(x):
+    return x.unknown
 """
 CALLER = """
-from apart import halved
+from apart import added, halved, wrong
 from pgmp_petsc.runtime.compiled import njit
 
 @njit(cache=True, entry=True)
 def quartered(pair, x):
+    if pair[1] > 1:
+        return wrong(x)
     halved(pair, x)
     halved(pair, x)
-    return x.sum()
+    return added(x)
 """
 QUARTERS = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import numpy as np
-from caller import halved, quartered
-from pgmp_petsc.runtime.compiled import cache_problem
+from apart import added, halved, wrong
+from caller import quartered
+from pgmp_petsc.runtime.compiled import NotCompiledError, cache_problem
 print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
-print([sum(found.stats.cache_hits.values()) for found in (halved, quartered)])
+print([sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)], len(wrong.linked.overloads))
 code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
 print("define" in code and "mul" in code)
+try:
+    quartered((2.0, 2), np.ones(3))
+except NotCompiledError:
+    print("not compiled")
 """
 
 
@@ -282,8 +298,8 @@ def test_what_is_kept_is_marked_by_the_text_of_all_that_is_imported(
     assert compiled.source_mark("numpy.linalg") is None
 
 
-def test_functions_that_are_called_by_their_names(tmp_path: Path):
-    """Their code is not in their callers; what the cache lost of them is compiled again before these are loaded."""
+def test_functions_apart(tmp_path: Path):
+    """Their code is not in their callers; what is not called is not compiled, nor loaded from the cache."""
     source, cache = tmp_path / "source", tmp_path / "cache"
     source.mkdir()
     (source / "apart.py").write_text(APART)
@@ -297,8 +313,8 @@ def test_functions_that_are_called_by_their_names(tmp_path: Path):
         ).stdout.splitlines()
 
     values = "3.0 0.75 None"
-    assert said() == [values, "[0, 0]", "False"]
-    assert said() == [values, "[1, 1]", "False"]
+    assert said() == [values, "[0, 0, 0] 0", "False", "not compiled"]
+    assert said() == [values, "[1, 1, 1] 0", "False", "not compiled"]
     for kept in cache.rglob("*halved*"):
         kept.unlink()
-    assert said() == [values, "[0, 1]", "False"]
+    assert said() == [values, "[0, 1, 1] 0", "False", "not compiled"]

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
-from gap_spring import GAP_SPRING
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import laws
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -25,7 +25,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 STEP = 1e-6  # central differences of functions of order 1: 1e-12 by truncation, 1e-10 by round-off
 ATOL = 1e-9
-FOUND = [one for one in vars(laws).values() if isinstance(one, Law)] + [GAP_SPRING]
+FOUND = [one for one in vars(laws).values() if isinstance(one, Law)] + [FREE_PLAY]
 UPPER, LOWER = (50.0, 0.3, 0.5, 1.0), (50.0, 0.3, -0.5, -1.0)
 # law, parameters, amplitude, measure, rate
 STATES = {
@@ -37,9 +37,9 @@ STATES = {
     "upper stop, not reached": (STOP, UPPER, 0.0, 0.4, 0.9),
     "lower stop, going in": (STOP, LOWER, 0.0, -0.6, -0.9),
     "lower stop, torn out": (STOP, LOWER, 0.0, -0.6, 9.0),
-    "gap, above": (GAP_SPRING, (50.0, 0.3, 0.5, 1.0), 0.0, 0.6, 0.9),
-    "gap, below": (GAP_SPRING, (50.0, 0.3, 0.5, 1.0), 0.0, -0.6, 0.9),
-    "gap, within": (GAP_SPRING, (50.0, 0.3, 0.5, 1.0), 0.0, 0.45, 0.9),
+    "gap, above": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.6, 0.9),
+    "gap, below": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, -0.6, 0.9),
+    "gap, within": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.45, 0.9),
 }
 
 
@@ -54,8 +54,8 @@ def closed_form(law: Law, p: tuple[float, ...], amplitude: float, s: float, rate
         bent = np.tanh(rate / p[1])
         return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
     k, c, place, side = p
-    if law is GAP_SPRING:
-        place, side = (place, 1.0) if s > place else (place - side / 10.0, -1.0)
+    if law is FREE_PLAY:
+        place, side = (p[3], 1.0) if s > p[3] else (p[2], -1.0)
     depth, braking = side * (s - place), 1.0 + c * side * rate
     if depth <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
@@ -89,8 +89,8 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 def evaluated_in_c(
     library: ctypes.CDLL, law: Law, p: np.ndarray, amplitude: float, s: float, rate: float, about: float
 ) -> np.ndarray:
-    """Return force, stiffness, damping and about."""
-    found, pointer = np.zeros(4), ctypes.POINTER(ctypes.c_double)
+    """Return force, stiffness, damping, about and how far edges are crossed."""
+    found, pointer = np.zeros(4 + len(law.edges)), ctypes.POINTER(ctypes.c_double)
     function = getattr(library, f"law_{law.name}")
     function.argtypes, function.restype = [pointer, *[ctypes.c_double] * 4, pointer], None
     function(p.ctypes.data_as(pointer), amplitude, s, rate, about, found.ctypes.data_as(pointer))
@@ -105,6 +105,8 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
         p = random.uniform(0.1, 2.0, size=len(law.parameters))
         if law is STOP:
             p[3] = random.choice([-1.0, 1.0])
+        if law is FREE_PLAY:
+            p[2:] = np.sort(p[2:])
         amplitude, s, rate, about = random.normal(size=4)
         wanted = closed_form(law, tuple(p), amplitude, s, rate)
         if law is FRICTION and abs(about) > p[1] and about * rate < 0.0:
@@ -117,7 +119,7 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
         np.testing.assert_allclose(law.evaluate(p, s, rate, amplitude, about), found, rtol=1e-15, atol=1e-15)
         np.testing.assert_array_equal(law.depths(p, s), depths)
         of_c = evaluated_in_c(in_c, law, p, amplitude, s, rate, about)
-        np.testing.assert_allclose(of_c, [*found[:3], found[5]], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(of_c, [*found[:3], found[5], *depths], rtol=1e-13, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", STATES)
@@ -157,7 +159,7 @@ def test_what_is_not_elastic_takes_energy_unless_it_is_a_source(name: str) -> No
 
 def test_the_table_of_laws_in_the_docs() -> None:
     lines = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8").splitlines()
-    for law in (one for one in FOUND if one is not GAP_SPRING):
+    for law in (one for one in FOUND if one is not FREE_PLAY):
         edges = "".join(f" `{edge}`" for edge in law.edges)
         parts = f"| `{law.name}` | {', '.join(law.parameters)} | `{law.force}` | `{law.potential}` |{edges} |"
         assert parts in lines

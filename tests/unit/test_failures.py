@@ -18,7 +18,7 @@ UNITS = {"T": "N m", "E": "1"}
 
 
 def said(failed: np.ndarray, reason: Status = Status.NOT_CONVERGED) -> list[str]:
-    remarks = failure_remarks(np.where(failed, reason, Status.FINE), VALUES, UNITS)
+    remarks = failure_remarks(np.where(failed, reason, Status.FINE), VALUES, UNITS, "reduced")
     assert all(remark.kind == "warning" for remark in remarks)
     return [remark.text for remark in remarks]
 
@@ -54,7 +54,7 @@ def test_failures_at_random_are_not_blamed_on_a_parameter() -> None:
 
 def test_every_reason_has_its_number() -> None:
     status = np.array([0, 0, 2, 6, 6, 1])
-    found = [remark.text for remark in failure_remarks(status, {"T": np.arange(6.0)}, {})]
+    found = [remark.text for remark in failure_remarks(status, {"T": np.arange(6.0)}, {}, "reduced")]
     assert [text.split(" samples")[0] for text in found[:3]] == ["1 of 6", "1 of 6", "2 of 6"]
     assert [text.split("(status ")[1][0] for text in found[:3]] == ["1", "2", "6"]
 
@@ -68,7 +68,7 @@ def test_a_further_try_is_a_cure_where_it_takes_other_steps(tried: int, reason: 
     """Not of samples with unphysical values, which no step helps, nor after the smallest one."""
     status = np.where(np.arange(N) < 300, reason, 0)
     assert has_steps_left(status, np.where(status != 0, tried, 1)) is left
-    text = " ".join(r.text for r in failure_remarks(status, VALUES, UNITS, 0.5, left))
+    text = " ".join(r.text for r in failure_remarks(status, VALUES, UNITS, "reduced", 0.5, left))
     assert ("Cure: --retry-failed with this file" in text) is left
     assert ("Cure: that of the reason above; --override ensemble.failed_share" in text) is (reason != 0 and not left)
 
@@ -112,3 +112,10 @@ def test_plain_samples_that_failed_may_all_be_in_the_event() -> None:
     not_reached = intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95)
     np.testing.assert_allclose(not_reached, [0.0, 1 - 0.025 ** (1 / 250)])
     assert np.isnan(intervals.of_weighted([np.zeros(4)], 0.95)).all()
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_a_full_order_run_is_not_cured_by_a_full_order_run(status: Status) -> None:
+    for model in ("full", "components"):
+        assert "--full" not in status.cure(model) and "full-order" not in status.cure(model)
+    assert ("--full" in status.cure("reduced")) == (status == Status.BROKE_DOWN)

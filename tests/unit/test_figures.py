@@ -92,6 +92,9 @@ def test_the_error_is_known_only_where_both_runs_are():
         modal=None,
     )
     assert len(Comparison(full, short).error_percent("crank_angle")[0]) == 501
+    # the run that stopped is named alone, and how far it was to go
+    said = Comparison(full, short).part
+    assert "over the first 0.5 s of 1 s" in said and "reduced run stopped" in said and "full" not in said
 
 
 def test_trajectories_have_a_column_an_output_and_errors_below():

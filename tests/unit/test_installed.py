@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from pgmp_petsc.runtime import installed
+from pgmp_petsc.runtime import surroundings
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.dealing import deal
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup, first_ranks
-from pgmp_petsc.runtime.installed import (
+from pgmp_petsc.runtime.groups import RankGroup, deal, first_ranks
+from pgmp_petsc.runtime.resources import free_share
+from pgmp_petsc.runtime.surroundings import (
     OneRank,
     alone,
     has_mpi,
@@ -23,13 +23,12 @@ from pgmp_petsc.runtime.installed import (
     needs_petsc,
     refuse_ranks,
 )
-from pgmp_petsc.runtime.memory import free_share
 
 
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nothing be found."""
-    monkeypatch.setattr(installed, "_is_there", lambda name: False)
+    monkeypatch.setattr(surroundings, "_is_there", lambda name: False)
 
 
 def test_here_everything_is_there() -> None:
@@ -46,19 +45,19 @@ def test_without_them_one_rank_takes_their_place(bare: None) -> None:
 @pytest.mark.parametrize("absent", ["petsc4py", "slepc4py", "mpi4py"])
 def test_one_that_is_missing_is_named(absent: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """PETSc takes communicators of mpi4py: without it there is no use for the others."""
-    monkeypatch.setattr(installed, "_is_there", lambda name: name != absent)
+    monkeypatch.setattr(surroundings, "_is_there", lambda name: name != absent)
     assert not has_petsc() and has_mpi() is (absent != "mpi4py")
     with pytest.raises(InputError, match=f"^models need PETSc and SLEPc, and .* has no {absent}; .*docs/without_petsc"):
         needs_petsc("models")
 
 
 def test_packages_are_found_without_importing_them() -> None:
-    assert not installed._is_there("no_such_package") and installed._is_there("petsc4py")
+    assert not surroundings._is_there("no_such_package") and surroundings._is_there("petsc4py")
 
 
 def test_processes_that_were_started_together_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of them; the first one alone says why."""
-    for name in (*installed.SIZES, *installed.NUMBERS):
+    for name in (*surroundings.SIZES, *surroundings.NUMBERS):
         monkeypatch.delenv(name, raising=False)
     refuse_ranks()
     monkeypatch.setenv("PMI_SIZE", "1")

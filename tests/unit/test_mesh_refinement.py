@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.mesh.refinement import refined
+from pgmp_petsc.mesh.line_mesh import refined
 
 BENT = LineMesh(
     np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 3.0]]), np.array([[0, 1], [2, 1]]), {"hinge": 0, "tip": 2}, {"both": 2}

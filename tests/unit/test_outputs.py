@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import OutputEntry
 from scenes import CRANK, ROD, kinematics_of, slider_crank
 
 OUTPUTS = (
@@ -135,6 +140,43 @@ def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
         # closed to 1e-12, over the step; and differences of the closed form
         np.testing.assert_allclose(((ahead - behind) / (2.0 * step))[known], expected, rtol=0, atol=1e-6)
         assert np.isnan(ahead).sum() == (2 if beyond > REACH else 0)
+
+
+class Rates(OutputEntry):
+    """How fast what another output reads changes; taken into no family, as it has no type."""
+
+    def __init__(self, of: OutputEntry) -> None:
+        super().__init__()
+        object.__setattr__(self, "of", of)
+
+    reads: ClassVar[str] = "rates"
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+        return self.of.reading(name, start, kinematics)
+
+
+def test_rates_are_how_fast_readings_change() -> None:
+    """Of all readings but deformations, against differences of fourth order; the rigid mechanism's own rates."""
+    scene, kinematics, outputs = prepared()
+    scene = scene.model_copy(
+        update={"outputs": {name: Rates(one) for name, one in scene.outputs.items() if one.type != "deformation"}}
+    )
+    theta, h = np.array([0.3, 1.1, 2.5, 7.0]), 1e-3
+    of_rates = OutputSet.of(scene, kinematics)
+
+    def changes(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        return sum(c * of(theta + k * h) for k, c in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0))) / (12.0 * h)
+
+    frames = rigid_frames(kinematics, of_rates, theta)
+    rates = changes(lambda at: rigid_frames(kinematics, of_rates, at))
+    found = of_rates.evaluate(of_rates.observed(frames, np.empty((0, theta.size)), rates))
+    for name, values in found.items():
+        wanted = changes(lambda at: seen(outputs, rigid_frames(kinematics, outputs, at))[name])
+        # closure to 1e-12 and round-off, over the step
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=2e-9, err_msg=name)
+    scene = scene.model_copy(update={"outputs": {"bent": Rates(prepared()[0].outputs["bent"])}})
+    with pytest.raises(InputError, match=r"outputs\.bent: a deformation is read, and has no rate"):
+        OutputSet.of(scene, kinematics)
 
 
 def test_a_scene_without_outputs_needs_no_nodes() -> None:

@@ -14,8 +14,7 @@ from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.scene.ensemble import Ensemble, Event
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 
 STEP, N_STEPS, N = 0.01, 100, 5
 SIZES = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
@@ -42,7 +41,7 @@ class Model:
 class Reduced(Model, ReducedModel):
     """The same of a model whose outputs follow from coordinates: its states wait for others."""
 
-    def observed_of(self, eta: np.ndarray, values: object) -> np.ndarray:
+    def observed_of(self, eta: np.ndarray, values: object, v: np.ndarray) -> np.ndarray:
         return eta.reshape(1, -1)
 
 

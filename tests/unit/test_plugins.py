@@ -6,7 +6,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from test_effect_errors import BASE, IN_TURN
 import pgmp_petsc as pgmp
 from pgmp_petsc.code.source import COMPILED
 from pgmp_petsc.declare import ideas
-from pgmp_petsc.declare.ideas import FAMILIES, WHEN_GROWN
+from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
@@ -57,20 +57,8 @@ class Along(OutputEntry):
         sides = mechanism.attachment("ground:origin", name), mechanism.attachment(self.point, name)
         return Reading("MEASURE", sides, along(np.array(self.direction)), space=mechanism.space)
 """
+pytestmark = pytest.mark.usefixtures("no_plugins")
 TABLE = '{type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0}'
-
-
-@pytest.fixture(autouse=True)
-def _nothing_is_left() -> Iterator[None]:
-    """Forget the plugins of a test: other tests list what there is."""
-    before = [dict(zip(family.names, family.found())) for family in FAMILIES], dict(IN_USE)
-    yield
-    for family, classes in zip(FAMILIES, before[0]):
-        family.classes = classes
-    IN_USE.clear()
-    IN_USE.update(before[1])
-    for told in WHEN_GROWN:
-        told()
 
 
 @pytest.fixture
@@ -161,6 +149,7 @@ GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hing
 #: Joints in which a bar slides and turns in a plane.
 SLIDING_AND_TURNING = {
     "pin_in_slot": (PIN,),
+    "planar": ('joints.held={type="planar", connect=["ground:origin", "bar:middle"], normal=[0, 0, 1]}', GUIDE),
 }
 
 
@@ -316,23 +305,37 @@ def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_pa
         RunRecord.read(file)
 
 
+#: One of each kind; the last, whose schema and law disagree, is refused where a scene has it.
+DISAGREEING = "a law of other parameters"
+DISAGREEING_LISTING = LISTING.replace(", Quantity(0.0))", ")").replace('"line_spring"', '"other_spring"')
+IN_COMMANDS = (
+    "no Python", "nothing in it", "it fails", "a name that is taken", "a joint of a taken name",
+    "no maker", "a law that names what it has not",
+    "a law without bounds",
+)  # fmt: skip
+
+
 @pytest.mark.parametrize("n_ranks", [1, 3])
 def test_commands_take_plugins_and_end_with_one_message(
     mpirun: Callable, line_spring: Path, tmp_path: Path, n_ranks: int
 ) -> None:
-    scene, wrong = tmp_path / "base.toml", ("no Python", "a joint of a taken name", "a name that is taken", "no maker")
+    scene, wrong = tmp_path / "base.toml", [*IN_COMMANDS, DISAGREEING]
     scene.write_text(BASE)
     for name in wrong:
-        (tmp_path / f"{name}.py").write_text(changed(name))
+        (tmp_path / name).mkdir()
+        text = DISAGREEING_LISTING if name == DISAGREEING else changed(name)
+        (tmp_path / name / "mine.py").write_text(text)
     check = ["check", str(scene), "--override", "reduction.modes=2", "--override", f"effects.e={TABLE}"]
-    commands = [[*check, "--plugin", str(tmp_path / f"{name}.py")] for name in wrong]
+    commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in wrong]
+    commands[-1][-3] = f"effects.e={TABLE.replace('line_', 'other_')}"
     commands += [check, [*check, "--plugin", str(line_spring)]]
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
     statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
     assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
-    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: ")]
+    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
+    disagrees = r"mine\.py:3\d: effects\.e: law spring_damper .* parameters k, c, rest, and is given 2; give one for"
     for name, message in zip(wrong, messages):
-        assert re.search(BROKEN[name][1], message)
+        assert re.search(disagrees if name == DISAGREEING else BROKEN[name][1], message)
     assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
 
 

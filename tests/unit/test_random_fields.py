@@ -14,11 +14,10 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.inertia_moments import inertia_moments
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, weighted_sum
 from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, field_remarks, profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -8,7 +8,7 @@ from runs import paper_scene
 from pgmp_petsc.ensemble.stopping import Rule, read_rule
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 
 LABEL = 'ensemble.probabilities.behind={output="crank_angle", below=0.0, when="ever"}'
 

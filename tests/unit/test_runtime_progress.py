@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from conftest import TIMEOUT_SECONDS, run_mpi
 
@@ -304,13 +306,31 @@ def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
     log = io.StringIO()
     quiet = Beat(log, clock)
     with doing("reading meshes"):
-        for _ in range(20):
+        for _ in range(12):
             clock.now += 1.0
             quiet.look()
-    assert log.getvalue() == ""
+    assert log.getvalue().splitlines() == [f"pgmp: reading meshes, {s} s" for s in (4, 9)]
     waits_for("compiling")
-    for _ in range(20):
+    for _ in range(10):
         clock.now += 1.0
         quiet.look()
     waits_for(None)
-    assert log.getvalue().splitlines() == [f"pgmp: compiling, {s} s" for s in (5, 10, 15)]
+    assert log.getvalue().splitlines()[2:] == [f"pgmp: compiling, {s} s" for s in (2, 7)]
+
+
+def test_short_phases_in_turn_are_not_silent_for_longer_than_a_long_one(monkeypatch) -> None:
+    """A log of phases and counts of four seconds each, one behind the other: a line every five seconds at least."""
+    clock, said = Clock(), []
+    beat = Beat(clock.stream, clock)
+    monkeypatch.setattr("pgmp_petsc.runtime.progress._beats", [beat])
+    for number in range(6):
+        counted = Lines(4, "samples", clock.stream, clock=clock) if number % 2 else nullcontext()
+        with doing(f"phase {number}"), counted as count:
+            for _ in range(4):
+                clock.now += 1.0
+                beat.look()
+                if count is not None:
+                    count.update()
+                if len(clock.stream.getvalue().splitlines()) > len(said):
+                    said.append(clock.now)
+    assert np.diff([clock.now - 24.0, *said]).max() <= 5.0

@@ -19,9 +19,9 @@ petsc4py.init([])
 from conftest import TIMEOUT_SECONDS  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-from pgmp_petsc.runtime import memory as memory_module  # noqa: E402
+from pgmp_petsc.runtime import resources as memory_module  # noqa: E402
 from pgmp_petsc.runtime.errors import InputError, RunError  # noqa: E402
-from pgmp_petsc.runtime.memory import free_memory, give_back  # noqa: E402
+from pgmp_petsc.runtime.resources import free_memory, give_back  # noqa: E402
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor  # noqa: E402
 
 SIDE = 26  # points along each edge of a cube: a factor of some 30 MB

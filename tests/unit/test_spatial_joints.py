@@ -3,12 +3,11 @@ hinge."""
 
 from __future__ import annotations
 
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from joint_arrays import hessian, jacobian, joint as make_joint, lengths, residual
+from joint_arrays import jacobian, joint as make_joint, lengths, residual
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
@@ -22,14 +21,16 @@ from pgmp_petsc.mechanism.statements import Statement, angle
 # number of constraints of every type
 COUNTS = {
     "spherical": 3, "revolute": 5, "universal": 4, "cylindrical": 4, "prismatic": 5, "fixed": 6, "point_on_line": 2,
-    "point_on_plane": 1,
+    "point_on_plane": 1, "planar": 3,
 }  # fmt: skip
 # What b may do to a, along and about the joint's axes u, v, w (0, 1, 2). Rotations follow one another, each about an
 # axis that those before it have turned.
-SLIDES = {"cylindrical": (0,), "prismatic": (0,), "point_on_line": (0,), "point_on_plane": (1, 2)}
+SLIDES = {
+    "cylindrical": (0,), "prismatic": (0,), "point_on_line": (0,), "point_on_plane": (1, 2), "planar": (1, 2),
+}  # fmt: skip
 TURNS = {
     "spherical": (0, 1, 2), "revolute": (0,), "universal": (0, 1), "cylindrical": (0,), "point_on_line": (0, 1, 2),
-    "point_on_plane": (0, 1, 2),
+    "point_on_plane": (0, 1, 2), "planar": (0,),
 }  # fmt: skip
 EPSILON = 1e-14  # round-off of sums of products of numbers of order 1
 
@@ -65,11 +66,6 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def joint(kind: str) -> tuple[Statement, ...]:
     return make_joint(kind, *axes_of(1))
-
-
-def pairs(n: int = 5) -> np.ndarray:
-    """Return n pairs of frames that obey nothing, shape (24, n)."""
-    return np.random.default_rng(3).normal(size=(24, n))
 
 
 # --- constraints and their derivatives -------------------------------------------------------------------------------
@@ -120,36 +116,6 @@ def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
             found = residual(joint, a, turned)
             assert np.linalg.norm(found[~lengths(joint)]) == pytest.approx(np.sin(tilt), abs=EPSILON)
             np.testing.assert_allclose(found[lengths(joint)], 0.0, rtol=0, atol=EPSILON)
-
-
-def test_the_jacobian_is_the_derivative_of_the_residual(joint: tuple[Statement, ...]) -> None:
-    ab = pairs()
-    found = jacobian(joint, ab[:12], ab[12:])
-    assert found.shape == (len(joint), 24, 5)
-    for i, unit in enumerate(np.eye(24)):
-        ahead, behind = ab + 0.5 * unit[:, None], ab - 0.5 * unit[:, None]
-        # of second degree: a central difference over any step is exact
-        slope = residual(joint, ahead[:12], ahead[12:]) - residual(joint, behind[:12], behind[12:])
-        np.testing.assert_allclose(found[:, i], slope, rtol=0, atol=10 * EPSILON)
-
-
-def test_the_hessian_is_the_derivative_of_the_jacobian(joint: tuple[Statement, ...]) -> None:
-    ab = pairs()
-    found = hessian(joint, ab[:12], ab[12:])
-    assert found.shape == (len(joint), 24, 24, 5)
-    np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
-    for i, unit in enumerate(np.eye(24)):
-        ahead = ab + unit[:, None]
-        change = jacobian(joint, ahead[:12], ahead[12:]) - jacobian(joint, ab[:12], ab[12:])
-        np.testing.assert_allclose(found[:, :, i], change, rtol=0, atol=10 * EPSILON)
-
-
-def test_one_pair_needs_no_trailing_axis(joint: tuple[Statement, ...]) -> None:
-    ab = pairs()
-    for function in (partial(of, joint) for of in (residual, jacobian, hessian)):
-        one, several = function(ab[:12, 2], ab[12:, 2]), function(ab[:12], ab[12:])[..., 2]
-        # the products are summed in another order
-        np.testing.assert_allclose(one, several, rtol=0, atol=10 * EPSILON)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -311,45 +277,6 @@ def test_the_angle_over_whole_turns() -> None:
     # further rows, such as the coordinates of a reconstruction, do not matter
     np.testing.assert_array_equal(TURN.value(*(np.vstack([side, theta]) for side in (a, b))), found)
     assert np.ndim(TURN.value(a[:, 0], b[:, 0])) == 0
-
-
-def paths(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return angles over time, and the frames of a hinge that also turns as a whole."""
-    theta = 0.4 + 2.0 * time - 0.7 * time**2
-    spins = np.column_stack([np.sin(time), 0.5 * time, time**2])
-    return theta, *hinged(theta, Rotation.from_rotvec(spins).as_matrix())
-
-
-@pytest.mark.parametrize("time", [-1.3, 0.0, 0.9])
-def test_the_derivatives_of_the_angle_along_a_motion(time: float) -> None:
-    step = 1e-3
-    theta, a, b = paths(time + step * np.arange(-2, 3))
-    z = np.vstack([a, b])
-    # fourth order: 1e-12 times the fifth or sixth derivative, and round-off over the step and over its square
-    first = (8 * (z[:, 3] - z[:, 1]) - (z[:, 4] - z[:, 0])) / (12 * step)
-    second = (16 * (z[:, 3] + z[:, 1]) - (z[:, 4] + z[:, 0]) - 30 * z[:, 2]) / (12 * step**2)
-    gradient, hessian = TURN.gradient(a[:, 2], b[:, 2]), TURN.hessian(a[:, 2], b[:, 2])
-    assert gradient @ first == pytest.approx(2.0 - 1.4 * time, abs=1e-9)
-    assert gradient @ second + first @ hessian @ first == pytest.approx(-1.4, abs=1e-7)
-
-
-def test_the_derivatives_of_the_angle_everywhere() -> None:
-    theta = np.linspace(-3.1, 3.1, 7)
-    a, b = hinged(theta, Rotation.random(theta.size, random_state=2).as_matrix())
-    gradient, hessian = TURN.gradient(a, b), TURN.hessian(a, b)
-    assert gradient.shape == (24, 7) and hessian.shape == (24, 24, 7)
-    np.testing.assert_array_equal(hessian, np.swapaxes(hessian, 0, 1))
-    z, step = np.vstack([a, b]), 1e-6
-    for i in range(24):
-        ahead, behind = z.copy(), z.copy()
-        ahead[i] += step
-        behind[i] -= step
-        slope = (TURN.value(ahead[:12], ahead[12:]) - TURN.value(behind[:12], behind[12:])) / (2 * step)
-        # round-off over the step, 1e-10
-        np.testing.assert_allclose(gradient[i], slope, rtol=0, atol=1e-9)
-    one = TURN.gradient(a[:, 3], b[:, 3]), TURN.hessian(a[:, 3], b[:, 3])
-    np.testing.assert_allclose(one[0], gradient[:, 3], rtol=0, atol=EPSILON)
-    np.testing.assert_allclose(one[1], hessian[..., 3], rtol=0, atol=EPSILON)
 
 
 def test_a_bent_hinge_has_the_angle_of_its_second_axes() -> None:

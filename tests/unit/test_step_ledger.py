@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import synthetic
 
-from pgmp_petsc.runtime import lock
+from pgmp_petsc.runtime import claims
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.steps import LABEL, Steps
 
@@ -81,7 +81,7 @@ def test_a_ledger_of_somebody_else_is_left_alone(tmp_path: Path, text: str) -> N
 
 
 def test_one_job_holds_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "PATIENCE", 0.1)
+    monkeypatch.setattr(claims, "PATIENCE", 0.1)
     holder = Steps(tmp_path / "job")
     with holder.held():
         said = rf"folder '.*job' is being written by another job \(process {os.getpid()} on .*\); wait for its end, or"

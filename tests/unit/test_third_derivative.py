@@ -8,8 +8,7 @@ import pytest
 from mpi4py import MPI
 from static_equilibrium import StaticEquilibrium
 
-from pgmp_petsc.bodies.matrices import owned_rows
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.bodies.matrices import ThirdDerivative, owned_rows
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.groups import RankGroup

@@ -11,7 +11,7 @@ from length_scenes import SMALL, long_crank, numbered
 from mpi4py import MPI
 from runs import full_model, read_meshes, reduced_model
 from test_results import assert_same
-from tradeoffs import LEAST, TINY, small_scene, study
+from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.bench.cases import held_out
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
@@ -96,7 +96,7 @@ def test_a_study_survives_its_file(tmp_path) -> None:
 
 
 def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:
-    result = study(small_scene(LIMITED, "reduction.modes=90"), replace(TINY, surfaces=0))
+    result = study(small_scene(LIMITED, "reduction.modes=90"), replace(LEAST, tensor_modes=(2,)))
     failed = [row for row, reason in enumerate(result.reasons) if reason]
     assert failed == [row for row, modes in enumerate(result.columns["modes"]) if modes == 90] and 0 in failed
     assert "reduction.modes = 90" in result.reasons[0]
@@ -106,7 +106,7 @@ def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:
 
 def test_leaving_a_limited_range_is_a_reason() -> None:
     fast = "simulation.initial.theta.velocity=100.0"
-    result = study(small_scene(LIMITED, fast))
+    result = study(small_scene(LIMITED, fast), replace(LEAST, component_modes=(3,), surfaces=1))
     for family, reason in zip(result.families, result.reasons):
         if family == "reduced":
             assert "left the range" in reason
@@ -118,7 +118,7 @@ def test_leaving_a_limited_range_is_a_reason() -> None:
 
 def test_without_uncertain_parameters_the_scenes_values_are_the_test() -> None:
     certain = ("parameters={}", "bodies.crank.section.radius=5e-3", "simulation.duration=0.01")
-    result = study(small_scene(LIMITED, *certain))
+    result = study(small_scene(LIMITED, *certain), LEAST)
     assert result.test_values == {} and "surface" not in result.families
     assert np.isfinite(result.errors).all()
 
@@ -126,7 +126,7 @@ def test_without_uncertain_parameters_the_scenes_values_are_the_test() -> None:
 def test_several_parameters() -> None:
     density = 'parameters.rho={nominal=7.8e3, distribution={name="norm", loc=7.8e3, scale=1e2}}'
     two = small_scene(LIMITED, density, 'materials.steel.rho="rho"')
-    result = study(two, replace(TINY, tensor_modes=(), modes=(), angles=()))
+    result = study(two, replace(LEAST, surfaces=2))
     assert set(result.test_values) == {"r1", "rho"}
     surfaces = [row for row, family in enumerate(result.families) if family == "surface"]
     assert [result.columns["nodes"][row] for row in surfaces] == [5, 10]
@@ -158,4 +158,4 @@ def test_a_reference_that_fails_ends_the_study() -> None:
     # a torque that no step can follow, at every test value
     mad = "effects.motor.table=[[0.0, 1e9]]"
     with pytest.raises(RunError, match=r"the full-order reference: 8 of 8 samples failed, the first \(r1 = 0.004297\)"):
-        study(small_scene(LIMITED, mad), replace(TINY, surfaces=0, tensor_modes=()))
+        study(small_scene(LIMITED, mad), LEAST)

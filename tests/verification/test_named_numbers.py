@@ -19,7 +19,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.indicator.member_errors import indicator_of
+from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import slider_crank

@@ -180,10 +180,12 @@ def test_with_changing_modes_the_basis_is_orthonormal_at_every_angle() -> None:
     np.testing.assert_allclose(mass, np.broadcast_to(np.eye(7), mass.shape), rtol=0, atol=1e-8)
 
 
-def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch) -> None:
+@pytest.mark.parametrize("settings", [(), ("reduction.parameter_modes=0", "reduction.angles=192")])
+def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch, settings: tuple[str, ...]) -> None:
     """All vectors are turned among each other by ``R(theta)``, smoothly."""
-    scene, of = slider_crank(*FAST), ContinuousBasis.of
-    generator = np.random.default_rng(3).normal(size=(7, 7))
+    scene, of = slider_crank(*FAST, *settings), ContinuousBasis.of
+    n = rom_of(scene).tables.n_modes
+    generator = np.random.default_rng(3).normal(size=(n, n))
     generator = 0.1 * (generator - generator.T)
 
     def turned(*arguments: object) -> ContinuousBasis:
@@ -236,6 +238,13 @@ def test_vectors_that_vanish_somewhere_are_refused() -> None:
     assert Compression.of(grams, np.zeros((1, 2), dtype=bool), 1).matrix.shape == (2, 1)
     with pytest.raises(InputError, match="no more than 1 vectors that are independent at every configuration"):
         Compression.of(grams, np.zeros((1, 2), dtype=bool), 2)
+
+
+def test_a_leading_vector_that_vanishes_somewhere_is_passed_over() -> None:
+    """As the answer to a spring does where that stands along a bar."""
+    grams = np.array([np.diag([4.0, 1.0, 0.5]), np.diag([4.0, 1.0, 0.5]), np.diag([0.0, 1.0, 0.5])])
+    found = Compression.of(grams, np.zeros((1, 3), dtype=bool), 2)
+    np.testing.assert_allclose(np.abs(found.matrix), [[0.0, 0.0], [1.0, 0.0], [0.0, np.sqrt(2.0)]], atol=1e-14)
 
 
 def test_vectors_that_change_their_sign_are_not_mixed_with_others() -> None:

@@ -23,7 +23,7 @@ from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.goals import read_goal
 from pgmp_petsc.studies.optimization import optimize

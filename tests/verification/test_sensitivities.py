@@ -13,6 +13,7 @@ from runs import reduced_model
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients.differentiated import ObservedChanges, differentiate
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel
@@ -86,11 +87,11 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
     eta[:, :2] += np.linspace(0.0, 0.5, 20)[:, None]
     closed, newton = [], LoopClosure.newton
     monkeypatch.setattr(LoopClosure, "newton", lambda self, *given: closed.append(1) or newton(self, *given))
-    observed = ObservedChanges(model, model.scene.values, eta)
+    observed = ObservedChanges(model, model.scene.values, State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0)))
     assert len(closed) == 2
     found = observed.outputs
     for name in model.scene.parameters:
-        observed.of(name, np.ones_like(eta))
+        observed.of(name, np.ones((2, *eta.shape)))
     assert len(closed) == 2
     for output, values in model.outputs.evaluate(model.observed_of(eta, model.scene.values)).items():
         np.testing.assert_array_equal(found[output], values)

@@ -178,8 +178,8 @@ static void add_to_matrix(double tangent[N][N], struct matrix *m) {
 }
 
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double r[N],
-                 struct matrix *matrix) {
+                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
+                 double r[N], struct matrix *matrix) {
     double rigid[1 + R][AT_LEAST_ONE(N_ACTION_ENTRIES)] = {{0}}, tangent[N][N] = {{0}};
     struct moving nodes[AT_LEAST_ONE(N_ACTION_NODES)];
     struct stencil fine;
@@ -194,7 +194,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct action *action = actions + number;
         double z[2 * N_FRAME], jacobian[2 * N_FRAME][N], gradient[2 * N_FRAME], hessian[2 * N_FRAME][2 * N_FRAME];
-        double turned = rigid[0][N_FRAME * N_ACTION_NODES + number], rate = 0.0, projected[N], found[LAW_END];
+        double turned = rigid[0][N_FRAME * N_ACTION_NODES + number], rate = 0.0, projected[N], found[LAW_END + MOST_EDGES];
         for (int k = 0; k < R; k++) turned += action->winding[k] * q[k];
         attach_pair(action, nodes, z, jacobian);
         double s = evaluate_statement(&action->statement, z, turned, gradient, fresh ? hessian : 0);
@@ -206,6 +206,7 @@ void add_actions(const struct pgmp_model *m, const struct stencil *stencil, cons
         action->law(m->laws[number], action->strength < 0 ? 0.0 : strengths[action->strength], s, rate,
                     about && fresh ? about[number] : NAN, found);
         if (about) about[number] = found[LAW_ABOUT];
+        for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
         if (fresh)
             add_tangent(found[LAW_STIFFNESS] + gain_v * found[LAW_DAMPING], found[LAW_FORCE], projected, hessian, jacobian, tangent);

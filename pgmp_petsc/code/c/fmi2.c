@@ -34,15 +34,16 @@ static void say(const struct voice *me, int status, const char *text) {
                              status == UNIT_WARNING ? "logStatusWarning" : "logStatusError", "%s", text);
 }
 
-#define FAIL(...) return (fmi2Status)unit_say(c, UNIT_ERROR, __VA_ARGS__)
+#define FMI(NAME) fmi2##NAME
+#define FMI_DERIVATIVES fmi2GetDerivatives
+typedef fmi2Status status;
+typedef fmi2Component instance;
+typedef fmi2Boolean boolean;
+typedef fmi2Real real;
+#include "fmi.h"
 
 EXPORT fmi2String fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT fmi2String fmi2GetVersion(void) { return "2.0"; }
-
-EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
-    (void)c, (void)on, (void)n, (void)categories;
-    return fmi2OK; /* errors and warnings are always said */
-}
 
 EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                      const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
@@ -54,8 +55,6 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     }
     return unit_new(caller, name, guid, type == fmi2ModelExchange);
 }
-
-EXPORT void fmi2FreeInstance(fmi2Component c) { unit_free(c); }
 
 EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Real tolerance, fmi2Real start,
                                       fmi2Boolean stops, fmi2Real stop) {
@@ -69,17 +68,8 @@ EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return (fmi2Status)unit_begin(c); }
-
-EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2Reset(fmi2Component c) { return (fmi2Status)unit_reset(c); }
-
 EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
-    return (fmi2Status)unit_get_real(c, vr, n, value);
+    return (status)unit_get_real(c, vr, n, value);
 }
 
 EXPORT fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[]) {
@@ -101,7 +91,7 @@ EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], 
 }
 
 EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
-    return (fmi2Status)unit_set_real(c, vr, n, value);
+    return (status)unit_set_real(c, vr, n, value);
 }
 
 EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[]) {
@@ -126,17 +116,12 @@ EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], 
 
 EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real current, fmi2Real size, fmi2Boolean no_set_state) {
     (void)no_set_state;
-    return (fmi2Status)unit_step(c, current, size);
+    return (status)unit_step(c, current, size);
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c) { FAIL("steps are not asynchronous"); }
 
 /* Model exchange. */
-
-EXPORT fmi2Status fmi2EnterEventMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
-}
 
 EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     memset(info, 0, sizeof *info);
@@ -144,95 +129,26 @@ EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
-}
+/* What else it cannot do. */
+CANNOT(GetFMUstate, NOT_KEPT, (void)state, fmi2FMUstate *state)
+CANNOT(SetFMUstate, NOT_KEPT, (void)state, fmi2FMUstate state)
+CANNOT(FreeFMUstate, NOT_KEPT, (void)state, fmi2FMUstate *state)
+CANNOT(SerializedFMUstateSize, NOT_KEPT, ((void)state, (void)size), fmi2FMUstate state, size_t *size)
+CANNOT(SerializeFMUstate, NOT_KEPT, ((void)state, (void)bytes, (void)size), fmi2FMUstate state, fmi2Byte bytes[],
+       size_t size)
+CANNOT(DeSerializeFMUstate, NOT_KEPT, ((void)state, (void)bytes, (void)size), const fmi2Byte bytes[], size_t size,
+       fmi2FMUstate *state)
+CANNOT(GetDirectionalDerivative, "there are no directional derivatives",
+       ((void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)seed, (void)value),
+       const fmi2ValueReference unknown[], size_t n_unknown, const fmi2ValueReference known[], size_t n_known,
+       const fmi2Real seed[], fmi2Real value[])
+CANNOT(SetRealInputDerivatives, "inputs are constant in a step", ((void)vr, (void)n, (void)order, (void)value),
+       const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[])
+CANNOT(GetRealOutputDerivatives, "there are no derivatives of outputs", ((void)vr, (void)n, (void)order, (void)value),
+       const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[])
 
-EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_set_state, fmi2Boolean *enter_event_mode,
-                                              fmi2Boolean *terminate) {
-    (void)no_set_state;
-    unit_end_step(c);
-    *enter_event_mode = *terminate = 0;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
-    unit_set_time(c, time);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
-    return (fmi2Status)unit_set_states(c, n, x);
-}
-
-EXPORT fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
-    return (fmi2Status)unit_get_states(c, n, x);
-}
-
-EXPORT fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
-    return (fmi2Status)unit_get_derivatives(c, n, derivatives);
-}
-
-EXPORT fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {
-    return (fmi2Status)unit_get_nominals(c, n, nominals);
-}
-
-EXPORT fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
-    (void)indicators;
-    if (n > 0) FAIL("there are no event indicators");
-    return fmi2OK;
-}
-
-/* What the model description says this FMU cannot do. */
-#define UNUSED_ORDER (void)vr, (void)n, (void)order, (void)value
-
-EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
-    (void)state;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
-    (void)state;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
-    (void)state;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    (void)state, (void)size;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    (void)state, (void)bytes, (void)size;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    (void)state, (void)bytes, (void)size;
-    FAIL("states are not kept");
-}
-EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
-                                               const fmi2ValueReference known[], size_t n_known, const fmi2Real seed[],
-                                               fmi2Real value[]) {
-    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)seed, (void)value;
-    FAIL("there are no directional derivatives");
-}
-EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
-                                              const fmi2Integer order[], const fmi2Real value[]) {
-    UNUSED_ORDER;
-    FAIL("inputs are constant in a step");
-}
-EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
-                                               const fmi2Integer order[], fmi2Real value[]) {
-    UNUSED_ORDER;
-    FAIL("there are no derivatives of outputs");
-}
-
-#define STATUS(KIND, TYPE)                                                                     \
-    EXPORT fmi2Status fmi2Get##KIND(fmi2Component c, fmi2StatusKind kind, TYPE *value) {       \
-        (void)kind, (void)value;                                                               \
-        FAIL("steps are not asynchronous");                                                    \
-    }
+#define STATUS(KIND, TYPE) \
+    CANNOT(Get##KIND, "steps are not asynchronous", ((void)kind, (void)value), fmi2StatusKind kind, TYPE *value)
 STATUS(Status, fmi2Status)
 STATUS(RealStatus, fmi2Real)
 STATUS(IntegerStatus, fmi2Integer)

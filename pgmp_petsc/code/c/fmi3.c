@@ -21,7 +21,13 @@ static void say(const struct voice *me, int status, const char *text) {
                                          status == UNIT_WARNING ? "logStatusWarning" : "logStatusError", text);
 }
 
-#define FAIL(...) return (fmi3Status)unit_say(c, UNIT_ERROR, __VA_ARGS__)
+#define FMI(NAME) fmi3##NAME
+#define FMI_DERIVATIVES fmi3GetContinuousStateDerivatives
+typedef fmi3Status status;
+typedef fmi3Instance instance;
+typedef fmi3Boolean boolean;
+typedef fmi3Float64 real;
+#include "fmi.h"
 
 static fmi3Instance instantiate(fmi3String name, fmi3String token, int exchange, fmi3InstanceEnvironment environment,
                                 fmi3LogMessageCallback logger) {
@@ -30,11 +36,6 @@ static fmi3Instance instantiate(fmi3String name, fmi3String token, int exchange,
 }
 
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
-
-EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String categories[]) {
-    (void)c, (void)on, (void)n, (void)categories;
-    return fmi3OK; /* errors and warnings are always said */
-}
 
 EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
                                                  fmi3Boolean visible, fmi3Boolean logging,
@@ -64,8 +65,6 @@ EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3Strin
     return NULL;
 }
 
-EXPORT void fmi3FreeInstance(fmi3Instance c) { unit_free(c); }
-
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean given, fmi3Float64 tolerance,
                                               fmi3Float64 start, fmi3Boolean stops, fmi3Float64 stop) {
     (void)given, (void)tolerance, (void)stops, (void)stop;
@@ -73,18 +72,6 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean given,
     return fmi3OK;
 }
 
-EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return (fmi3Status)unit_begin(c); }
-EXPORT fmi3Status fmi3Reset(fmi3Instance c) { return (fmi3Status)unit_reset(c); }
-
-/* Modes that ask for nothing here. */
-#define MODE(NAME)                             \
-    EXPORT fmi3Status fmi3##NAME(fmi3Instance c) { \
-        (void)c;                               \
-        return fmi3OK;                         \
-    }
-MODE(Terminate)
-MODE(EnterEventMode)
-MODE(EnterContinuousTimeMode)
 MODE(EnterStepMode)
 MODE(EvaluateDiscreteStates)
 MODE(EnterConfigurationMode)
@@ -98,13 +85,13 @@ static fmi3Status check(fmi3Instance c, size_t n, size_t n_values) {
 EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 value[],
                                  size_t n_values) {
     if (check(c, n, n_values) != fmi3OK) return fmi3Error;
-    return (fmi3Status)unit_get_real(c, vr, n, value);
+    return (status)unit_get_real(c, vr, n, value);
 }
 
 EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
                                  size_t n_values) {
     if (check(c, n, n_values) != fmi3OK) return fmi3Error;
-    return (fmi3Status)unit_set_real(c, vr, n, value);
+    return (status)unit_set_real(c, vr, n, value);
 }
 
 EXPORT fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n, int32_t value[],
@@ -176,55 +163,18 @@ EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], s
 EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 current, fmi3Float64 size, fmi3Boolean no_set_state,
                              fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
                              fmi3Float64 *last_time) {
-    fmi3Status status = (fmi3Status)unit_step(c, current, size);
+    fmi3Status done = (status)unit_step(c, current, size);
     (void)no_set_state;
     *event_needed = *terminate = *early_return = false;
     *last_time = pgmp_time(&((struct unit *)c)->model);
-    return status;
+    return done;
 }
-
-/* Model exchange. */
 
 EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *needed, fmi3Boolean *terminate,
                                            fmi3Boolean *nominals_changed, fmi3Boolean *values_changed,
                                            fmi3Boolean *next_defined, fmi3Float64 *next) {
     *needed = *terminate = *nominals_changed = *values_changed = false;
     *next_defined = unit_next_event(c, next) != 0;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_set_state, fmi3Boolean *enter_event_mode,
-                                              fmi3Boolean *terminate) {
-    (void)no_set_state;
-    unit_end_step(c);
-    *enter_event_mode = *terminate = false;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time) {
-    unit_set_time(c, time);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n) {
-    return (fmi3Status)unit_set_states(c, n, x);
-}
-
-EXPORT fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
-    return (fmi3Status)unit_get_states(c, n, x);
-}
-
-EXPORT fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 derivatives[], size_t n) {
-    return (fmi3Status)unit_get_derivatives(c, n, derivatives);
-}
-
-EXPORT fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominals[], size_t n) {
-    return (fmi3Status)unit_get_nominals(c, n, nominals);
-}
-
-EXPORT fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size_t n) {
-    (void)indicators;
-    if (n > 0) FAIL("there are no event indicators");
     return fmi3OK;
 }
 
@@ -240,63 +190,46 @@ EXPORT fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) {
     return fmi3OK;
 }
 
-/* What the model description says this FMU cannot do. */
-#define CANNOT(NAME, ...)                                    \
-    EXPORT fmi3Status fmi3##NAME(fmi3Instance c, __VA_ARGS__) { \
-        REFUSE;                                              \
-    }
-
-#define REFUSE (void)state; FAIL("states are not kept")
-CANNOT(GetFMUState, fmi3FMUState *state)
-CANNOT(SetFMUState, fmi3FMUState state)
-CANNOT(FreeFMUState, fmi3FMUState *state)
-#undef REFUSE
-#define REFUSE (void)state, (void)size; FAIL("states are not kept")
-CANNOT(SerializedFMUStateSize, fmi3FMUState state, size_t *size)
-#undef REFUSE
-#define REFUSE (void)state, (void)bytes, (void)size; FAIL("states are not kept")
-CANNOT(SerializeFMUState, fmi3FMUState state, uint8_t bytes[], size_t size)
-CANNOT(DeserializeFMUState, const uint8_t bytes[], size_t size, fmi3FMUState *state)
-#undef REFUSE
-#define REFUSE                                                                                            \
-    (void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns, (void)seed, (void)n_seed, (void)found, \
-        (void)n_found;                                                                                    \
-    FAIL("there are no derivatives of this kind")
-CANNOT(GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
+/* What else it cannot do. */
+CANNOT(GetFMUState, NOT_KEPT, (void)state, fmi3FMUState *state)
+CANNOT(SetFMUState, NOT_KEPT, (void)state, fmi3FMUState state)
+CANNOT(FreeFMUState, NOT_KEPT, (void)state, fmi3FMUState *state)
+CANNOT(SerializedFMUStateSize, NOT_KEPT, ((void)state, (void)size), fmi3FMUState state, size_t *size)
+CANNOT(SerializeFMUState, NOT_KEPT, ((void)state, (void)bytes, (void)size), fmi3FMUState state, uint8_t bytes[],
+       size_t size)
+CANNOT(DeserializeFMUState, NOT_KEPT, ((void)state, (void)bytes, (void)size), const uint8_t bytes[], size_t size,
+       fmi3FMUState *state)
+#define NO_DERIVATIVES "there are no derivatives of this kind"
+#define SEEDED                                                                                             \
+    ((void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns, (void)seed, (void)n_seed, (void)found, \
+     (void)n_found)
+CANNOT(GetDirectionalDerivative, NO_DERIVATIVES, SEEDED, const fmi3ValueReference unknowns[], size_t n_unknowns,
        const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 found[],
        size_t n_found)
-CANNOT(GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns, const fmi3ValueReference knowns[],
-       size_t n_knowns, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 found[], size_t n_found)
-#undef REFUSE
-#define REFUSE (void)vr, (void)n, (void)orders, (void)value, (void)n_values; FAIL("there are no derivatives of outputs")
-CANNOT(GetOutputDerivatives, const fmi3ValueReference vr[], size_t n, const int32_t orders[], fmi3Float64 value[],
-       size_t n_values)
-#undef REFUSE
-#define REFUSE (void)vr, (void)n; FAIL("which variable depends on which is in modelDescription.xml")
-CANNOT(GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
-#undef REFUSE
-#define REFUSE                                                                                       \
-    (void)vr, (void)elements, (void)independents, (void)of_elements, (void)kinds, (void)n;           \
-    FAIL("which variable depends on which is in modelDescription.xml")
-CANNOT(GetVariableDependencies, fmi3ValueReference vr, size_t elements[], fmi3ValueReference independents[],
-       size_t of_elements[], int kinds[], size_t n)
-#undef REFUSE
-#define REFUSE (void)vr, (void)n, (void)one, (void)other; FAIL("there are no clocks")
-CANNOT(GetIntervalDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 one[], int other[])
-CANNOT(GetShiftFraction, const fmi3ValueReference vr[], size_t n, uint64_t one[], uint64_t other[])
-CANNOT(SetIntervalFraction, const fmi3ValueReference vr[], size_t n, const uint64_t one[], const uint64_t other[])
-CANNOT(SetShiftFraction, const fmi3ValueReference vr[], size_t n, const uint64_t one[], const uint64_t other[])
-#undef REFUSE
-#define REFUSE (void)vr, (void)n, (void)one; FAIL("there are no clocks")
-CANNOT(GetShiftDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 one[])
-CANNOT(SetIntervalDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 one[])
-CANNOT(SetShiftDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 one[])
-CANNOT(GetClock, const fmi3ValueReference vr[], size_t n, bool one[])
-CANNOT(SetClock, const fmi3ValueReference vr[], size_t n, const bool one[])
-#undef REFUSE
-#define REFUSE (void)vr, (void)n, (void)counters, (void)resolutions, (void)qualifiers; FAIL("there are no clocks")
-CANNOT(GetIntervalFraction, const fmi3ValueReference vr[], size_t n, uint64_t counters[], uint64_t resolutions[],
-       int qualifiers[])
-#undef REFUSE
-#define REFUSE (void)vr, (void)time; FAIL("there are no clocks")
-CANNOT(ActivateModelPartition, fmi3ValueReference vr, fmi3Float64 time)
+CANNOT(GetAdjointDerivative, NO_DERIVATIVES, SEEDED, const fmi3ValueReference unknowns[], size_t n_unknowns,
+       const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed, fmi3Float64 found[],
+       size_t n_found)
+CANNOT(GetOutputDerivatives, "there are no derivatives of outputs",
+       ((void)vr, (void)n, (void)orders, (void)value, (void)n_values), const fmi3ValueReference vr[], size_t n,
+       const int32_t orders[], fmi3Float64 value[], size_t n_values)
+#define DESCRIBED "which variable depends on which is in modelDescription.xml"
+CANNOT(GetNumberOfVariableDependencies, DESCRIBED, ((void)vr, (void)n), fmi3ValueReference vr, size_t *n)
+CANNOT(GetVariableDependencies, DESCRIBED,
+       ((void)vr, (void)elements, (void)independents, (void)of_elements, (void)kinds, (void)n), fmi3ValueReference vr,
+       size_t elements[], fmi3ValueReference independents[], size_t of_elements[], int kinds[], size_t n)
+#define NO_CLOCKS "there are no clocks"
+#define ONE ((void)vr, (void)n, (void)one)
+#define TWO ((void)vr, (void)n, (void)one, (void)other)
+#define CLOCKS const fmi3ValueReference vr[], size_t n
+CANNOT(GetIntervalDecimal, NO_CLOCKS, TWO, CLOCKS, fmi3Float64 one[], int other[])
+CANNOT(GetShiftFraction, NO_CLOCKS, TWO, CLOCKS, uint64_t one[], uint64_t other[])
+CANNOT(SetIntervalFraction, NO_CLOCKS, TWO, CLOCKS, const uint64_t one[], const uint64_t other[])
+CANNOT(SetShiftFraction, NO_CLOCKS, TWO, CLOCKS, const uint64_t one[], const uint64_t other[])
+CANNOT(GetShiftDecimal, NO_CLOCKS, ONE, CLOCKS, fmi3Float64 one[])
+CANNOT(SetIntervalDecimal, NO_CLOCKS, ONE, CLOCKS, const fmi3Float64 one[])
+CANNOT(SetShiftDecimal, NO_CLOCKS, ONE, CLOCKS, const fmi3Float64 one[])
+CANNOT(GetClock, NO_CLOCKS, ONE, CLOCKS, bool one[])
+CANNOT(SetClock, NO_CLOCKS, ONE, CLOCKS, const bool one[])
+CANNOT(GetIntervalFraction, NO_CLOCKS, ((void)vr, (void)n, (void)counters, (void)resolutions, (void)qualifiers), CLOCKS,
+       uint64_t counters[], uint64_t resolutions[], int qualifiers[])
+CANNOT(ActivateModelPartition, NO_CLOCKS, ((void)vr, (void)time), fmi3ValueReference vr, fmi3Float64 time)

@@ -6,6 +6,9 @@
    estimate. A step that fails is tried twice more as pgmp simulate does, from another prediction and with a matrix of
    its own for each correction: at most MAX_ITERATIONS as they are, then CAREFUL_ITERATIONS, shortened to LONGEST.
 
+   A step over the edge of a law is taken in parts, up to the edge and on; the edge is searched by Brent's method (1973,
+   chapter 4) with steps of its own, a dozen for each edge and MAX_TRIALS at most.
+
    written by pgmp_petsc */
 
 #include <math.h>
@@ -65,9 +68,19 @@ static void correct(const struct pgmp_model *m, const double strengths[], const 
     find_stencil(axes, q, &stencil);
     interpolate(m, &stencil, q, strengths, &t);
     evaluate_lagrangian(&t, q, v, a, gain_v, gain_a, fresh, r, matrix);
-    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, r, matrix);
+    add_actions(m, &stencil, strengths, q, v, gain_v, fresh, about, 0, r, matrix);
     if (fresh) eliminate(matrix);
     solve(matrix, r);
+}
+
+/* How far every edge of a law is crossed in a state, negative where it is not. */
+static void find_depths(const struct pgmp_model *m, const double q[N], double depths[]) {
+    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
+    double at_rest[N] = {0}, r[N] = {0};
+    struct stencil stencil;
+    if (N_EDGES == 0) return;
+    find_stencil(axes, q, &stencil);
+    add_actions(m, &stencil, none, q, at_rest, 0.0, 0, 0, depths, r, 0);
 }
 
 static void look_at_state(struct pgmp_model *m) {
@@ -89,11 +102,14 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
 }
 
 void pgmp_start(struct pgmp_model *m) {
+    double depths[AT_LEAST_ONE(N_EDGES)];
     m->number = 0, m->validity = 0, m->correction = 0.0, m->contraction = FIRST_CONTRACTION;
     pgmp_weigh(m);
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = 0.0;
     for (int k = 0; k < R; k++) m->q[k] = start_position[k], m->v[k] = start_velocity[k];
     pgmp_accelerate(m, 0.0, 0.0);
+    find_depths(m, m->q, depths);
+    for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
     for (int i = 0; i < N; i++) m->auxiliary[i] = m->before[i] = m->a[i];
 }
 
@@ -106,25 +122,28 @@ static double ahead_of(const struct pgmp_model *m, int i, double a) {
     return ((1.0 - ALPHA_F) * a + ALPHA_F * m->a[i] - ALPHA_M * m->auxiliary[i]) / (1.0 - ALPHA_M);
 }
 
-/* The end of a step: accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load
-   that sets in at once gives light nodes accelerations that no step can follow. */
-static void predict(const struct pgmp_model *m, int attempt, double q[N], double v[N], double a[N]) {
-    const double h = STEP;
+/* The end of a step, or of a part of one: its length, the state, and how far edges are crossed there. */
+struct trial { double h, q[N], v[N], a[N], depths[AT_LEAST_ONE(N_EDGES)], left; };
+
+/* Accelerations are extrapolated, at later attempts those for which q goes to q + h v, as a load that sets in at once
+   gives light nodes accelerations that no step can follow. */
+static void predict(const struct pgmp_model *m, int attempt, struct trial *t) {
+    const double h = t->h;
     for (int i = 0; i < N; i++) {
         double behind = m->auxiliary[i], kept = (1.0 - ALPHA_M) * (-(0.5 - BETA) / BETA * behind) + ALPHA_M * behind;
-        a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - ALPHA_F * m->a[i]) / (1.0 - ALPHA_F);
-        double ahead = ahead_of(m, i, a[i]);
-        q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - BETA) * behind + BETA * ahead);
-        v[i] = m->v[i] + h * ((1.0 - GAMMA) * behind + GAMMA * ahead);
+        t->a[i] = attempt == EXTRAPOLATED ? 2.0 * m->a[i] - m->before[i] : (kept - ALPHA_F * m->a[i]) / (1.0 - ALPHA_F);
+        double ahead = ahead_of(m, i, t->a[i]);
+        t->q[i] = m->q[i] + h * m->v[i] + h * h * ((0.5 - BETA) * behind + BETA * ahead);
+        t->v[i] = m->v[i] + h * ((1.0 - GAMMA) * behind + GAMMA * ahead);
     }
 }
 
-/* Newton's iteration from a prediction; returns whether it came to its end, and what is left. */
-static int converge(struct pgmp_model *m, int attempt, const double strengths[], double q[N], double v[N], double a[N],
-                    double *left) {
-    const double tolerance = attempt == EXTRAPOLATED ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
-    const int least = attempt == EXTRAPOLATED ? CORRECTIONS : 0, careful = attempt == CAREFUL;
-    const int most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
+/* Newton's iteration from a prediction; returns whether it came to its end. */
+static int converge(struct pgmp_model *m, int attempt, int in_part, const double strengths[], struct trial *t) {
+    const double gain_v = GAMMA / (BETA * t->h), gain_a = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * (t->h * t->h));
+    const int usual = attempt == EXTRAPOLATED && !in_part, careful = attempt == CAREFUL;
+    const double tolerance = usual ? NEWTON_TOLERANCE : TOLERANCE_OF_TRIALS;
+    const int least = usual ? CORRECTIONS : 0, most = careful ? CAREFUL_ITERATIONS : MAX_ITERATIONS;
     double r[N], about[AT_LEAST_ONE(N_ACTIONS)], last = 0.0;
     struct matrix matrix;
     int active = 1;
@@ -133,7 +152,7 @@ static int converge(struct pgmp_model *m, int attempt, const double strengths[],
         double size = 0.0, share = 1.0, contraction = m->contraction;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0;
-        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, fresh, about, &matrix, r);
+        correct(m, strengths, t->q, t->v, t->a, gain_v, gain_a, fresh, about, &matrix, r);
         for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(about[k]);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */
@@ -141,44 +160,168 @@ static int converge(struct pgmp_model *m, int attempt, const double strengths[],
         while (careful && isfinite(size) && size > LONGEST) size *= 0.5, share *= 0.5;
         for (int i = 0; i < N; i++) {
             double change = active ? share * r[i] : 0.0;
-            q[i] -= change;
-            v[i] -= GAIN_V * change;
-            a[i] -= GAIN_A * change;
+            t->q[i] -= change;
+            t->v[i] -= gain_v * change;
+            t->a[i] -= gain_a * change;
         }
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
         if (number == 1 && active && !careful) {
             double known = at_most(WORST_CONTRACTION, CAUTION * contraction);
             m->contraction = known > LEAST_CONTRACTION ? known : LEAST_CONTRACTION;
         }
-        if (active) *left = careful ? size : size * contraction / (1.0 - contraction);
-        active = active && isfinite(size) && ((*left > tolerance && size > ROUND_OFF) || (careful && limited));
+        if (active) t->left = careful ? size : size * contraction / (1.0 - contraction);
+        active = active && isfinite(size) && ((t->left > tolerance && size > ROUND_OFF) || (careful && limited));
         last = size;
     }
-    return !active && isfinite(*left);
+    return !active && isfinite(t->left);
+}
+
+/* Tries a step, or a part of one, of h to a time; returns whether an attempt came to its end. */
+static int try_step(struct pgmp_model *m, double h, double end, int in_part, struct trial *t) {
+    double strengths[AT_LEAST_ONE(N_STRENGTHS)];
+    t->h = h;
+    if (in_part) m->contraction = FIRST_CONTRACTION;
+    for (int attempt = 0; attempt < N_ATTEMPTS; attempt++) {
+        predict(m, attempt, t);
+        act(m, end, end, strengths, t->q, t->v, t->a);
+        if (converge(m, attempt, in_part, strengths, t)) {
+            find_depths(m, t->q, t->depths);
+            return 1;
+        }
+        m->contraction = FIRST_CONTRACTION;
+    }
+    return 0;
+}
+
+/* Goes to the end of a trial. */
+static void follow(struct pgmp_model *m, const struct trial *t) {
+    for (int i = 0; i < N; i++) {
+        double ahead = ahead_of(m, i, t->a[i]);
+        m->before[i] = m->a[i], m->auxiliary[i] = ahead;
+        m->q[i] = t->q[i], m->v[i] = t->v[i], m->a[i] = t->a[i];
+    }
+    m->correction = t->left;
+}
+
+static int crosses(const struct pgmp_model *m, const double depths[], int edge) {
+    return (depths[edge] > 0.0) != m->beyond[edge];
+}
+
+static int first_crossed(const struct pgmp_model *m, const double depths[], int edge) {
+    while (edge < N_EDGES && !crosses(m, depths, edge)) edge++;
+    return edge;
+}
+
+/* A step of Brent's method: the best instant b, the one before, a, and one across the root, c, with their depths. */
+struct bracket { double a, b, c, fa, fb, fc, change, last; };
+
+static int narrow(struct bracket *s, double tolerance) {
+    if ((s->fa < 0.0) != (s->fb < 0.0)) s->c = s->a, s->fc = s->fa, s->change = s->last = s->b - s->a;
+    if (fabs(s->fc) < fabs(s->fb)) {
+        s->a = s->b, s->b = s->c, s->c = s->a;
+        s->fa = s->fb, s->fb = s->fc, s->fc = s->fa;
+    }
+    double least = 0.5 * (tolerance + 4.0 * 2.220446049250313e-16 * fabs(s->b)), half = 0.5 * (s->c - s->b);
+    if (s->fb == 0.0 || fabs(half) < least) return 1;
+    double last = half, change = half;
+    if (fabs(s->last) > least && fabs(s->fb) < fabs(s->fa)) {
+        double trial;
+        if (s->a == s->c) /* a line through both */
+            trial = -s->fb * (s->b - s->a) / (s->fb - s->fa);
+        else { /* an inverse parabola through all three */
+            double behind = (s->fa - s->fb) / (s->a - s->b), across = (s->fc - s->fb) / (s->c - s->b);
+            trial = -s->fb * (s->fc * across - s->fa * behind) / (across * behind * (s->fc - s->fa));
+        }
+        double bound = 3.0 * fabs(half) - least;
+        if (2.0 * fabs(trial) < (fabs(s->last) < bound ? fabs(s->last) : bound)) last = s->change, change = trial;
+    }
+    s->last = last, s->change = change;
+    s->a = s->b, s->fa = s->fb;
+    s->b += fabs(change) > least ? change : half > 0.0 ? least : -least;
+    return 0;
+}
+
+/* Finds when an edge is reached in the time `rest` up to an end, where its depth is known; returns whether it was. */
+static int find_edge(struct pgmp_model *m, int edge, double rest, double end, double depth, int *n_trials,
+                     double *root) {
+    const double sign = m->beyond[edge] ? -1.0 : 1.0;
+    struct bracket s = {.b = rest, .fb = sign * depth, .a = SHORTEST * rest};
+    struct trial t;
+    if (!try_step(m, s.a, end - rest + s.a, 1, &t)) return 0;
+    s.fa = sign * t.depths[edge];
+    *root = 0.0;
+    if (!(s.fa < 0.0)) return 1; /* it is there already */
+    while (!narrow(&s, TIME_TOLERANCE * rest)) {
+        if (++*n_trials > MAX_TRIALS || !try_step(m, s.b, end - rest + s.b, 1, &t)) return 0;
+        s.fb = sign * t.depths[edge];
+    }
+    *root = s.b;
+    return 1;
+}
+
+/* Takes a step over edges in parts, as `edge_search` of the program; returns whether it came to its end. */
+static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
+    double rest = STEP;
+    int n_trials = 0;
+    for (int n_found = 1;; n_found++) {
+        double first = HUGE_VAL;
+        int nearest = 0;
+        for (int i = 0; n_found == 1 && i < N; i++) m->before[i] = m->a[i];
+        for (int e = first_crossed(m, t->depths, 0); e < N_EDGES; e = first_crossed(m, t->depths, e + 1)) {
+            double root;
+            if (!find_edge(m, e, rest, end, t->depths[e], &n_trials, &root)) return 0;
+            if (root < first) first = root, nearest = e;
+        }
+        m->beyond[nearest] = !m->beyond[nearest];
+        if (first > SHORTEST * STEP) {
+            if (!try_step(m, first, end - rest + first, 1, t)) return 0;
+            follow(m, t);
+            rest -= first;
+            if (rest <= SHORTEST * STEP) return 1;
+            for (int i = 0; i < N; i++) m->before[i] = m->a[i];
+        }
+        if (!try_step(m, rest, end, 1, t)) return 0;
+        if (n_found == MAX_EVENTS || first_crossed(m, t->depths, 0) == N_EDGES) break;
+    }
+    follow(m, t);
+    return 1;
+}
+
+/* The state at the beginning of a step, to which one that fails goes back. */
+struct beginning { double q[N], v[N], a[N], auxiliary[N], before[N]; int beyond[AT_LEAST_ONE(N_EDGES)]; };
+
+static void keep(const struct pgmp_model *m, struct beginning *kept) {
+    memcpy(kept->q, m->q, sizeof m->q), memcpy(kept->v, m->v, sizeof m->v), memcpy(kept->a, m->a, sizeof m->a);
+    memcpy(kept->auxiliary, m->auxiliary, sizeof m->auxiliary), memcpy(kept->before, m->before, sizeof m->before);
+    memcpy(kept->beyond, m->beyond, sizeof m->beyond);
+}
+
+static void go_back(struct pgmp_model *m, const struct beginning *kept) {
+    memcpy(m->q, kept->q, sizeof m->q), memcpy(m->v, kept->v, sizeof m->v), memcpy(m->a, kept->a, sizeof m->a);
+    memcpy(m->auxiliary, kept->auxiliary, sizeof m->auxiliary), memcpy(m->before, kept->before, sizeof m->before);
+    memcpy(m->beyond, kept->beyond, sizeof m->beyond);
 }
 
 int pgmp_step(struct pgmp_model *m) {
     const double end = STEP * (m->number + 1);
-    double q[N], v[N], a[N], strengths[AT_LEAST_ONE(N_STRENGTHS)], left = 0.0;
-    int done = 0;
+    struct trial t;
     m->validity &= ~PGMP_NOT_CONVERGED; /* a step that was not taken has left nothing behind */
     /* corrected twice, to see how it contracts; with friction always, which contracts otherwise in each step */
-    int probed = RUBS || (m->number + 1) % PROBED_EVERY == 0;
-    if (probed) m->contraction = FIRST_CONTRACTION;
-    for (int attempt = 0; attempt < N_ATTEMPTS && !done; attempt++) {
-        predict(m, attempt, q, v, a);
-        act(m, end, end, strengths, q, v, a);
-        done = converge(m, attempt, strengths, q, v, a, &left);
-        if (!done) m->contraction = FIRST_CONTRACTION;
-    }
-    if (!done) return m->validity |= PGMP_NOT_CONVERGED;
-    for (int i = 0; i < N; i++) {
-        double ahead = ahead_of(m, i, a[i]);
-        m->before[i] = m->a[i], m->auxiliary[i] = ahead;
-        m->q[i] = q[i], m->v[i] = v[i], m->a[i] = a[i];
-    }
+    if (RUBS || (m->number + 1) % PROBED_EVERY == 0) m->contraction = FIRST_CONTRACTION;
+    if (!try_step(m, STEP, end, 0, &t)) return m->validity |= PGMP_NOT_CONVERGED;
+    if (N_EDGES > 0 && first_crossed(m, t.depths, 0) < N_EDGES) {
+        struct beginning kept;
+        keep(m, &kept);
+        int done = step_over_edges(m, end, &t);
+        m->contraction = FIRST_CONTRACTION;
+        if (!done) {
+            go_back(m, &kept);
+            return m->validity |= PGMP_NOT_CONVERGED;
+        }
+        memcpy(m->before, kept.a, sizeof m->before);
+    } else
+        follow(m, &t);
     m->number++;
-    m->correction = left;
     look_at_state(m);
     return m->validity;
 }

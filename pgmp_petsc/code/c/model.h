@@ -1,4 +1,5 @@
-/* A reduced mechanism in C99: steps of bounded work, no allocation, no library but libm.
+/* A reduced mechanism in C99: steps of bounded work (with laws that have edges MAX_TRIALS and more), no allocation, no
+   library but libm.
 
    written by pgmp_petsc
 
@@ -53,6 +54,7 @@ struct pgmp_model {
     double loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END], laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
     /* state: theta and delta, their rates, accelerations, auxiliary ones, those of the step before */
     double q[N], v[N], a[N], auxiliary[N], before[N];
+    int beyond[AT_LEAST_ONE(N_EDGES)]; /* whether each edge of a law is crossed */
     double contraction; /* of Newton's iteration, expected in the next step */
     long number;        /* steps taken */
     double outputs[AT_LEAST_ONE(N_OUTPUTS)];

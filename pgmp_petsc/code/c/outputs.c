@@ -33,6 +33,26 @@ static double measure(const struct statement *s, const struct frame nodes[], con
     return evaluate_statement(s, z, near, gradient, 0);
 }
 
+/* How a point moves, from how the nodes do. */
+static void attach_rate(const struct side *side, const struct frame rates[], struct frame *rate) {
+    attach(side, rates, rate);
+    if (side->slot < 0) memset(rate, 0, sizeof *rate);
+}
+
+/* The rate of a measure: in the plane an angle's is the difference of those of its frames. */
+static double measure_rate(const struct statement *s, const struct frame nodes[], const struct frame rates[]) {
+    struct frame pair[2], moving[2];
+    double z[2 * N_FRAME], gradient[2 * N_FRAME], total = 0.0;
+    for (int end = 0; end < 2; end++) {
+        attach(end ? &s->b : &s->a, nodes, pair + end);
+        attach_rate(end ? &s->b : &s->a, rates, moving + end);
+        memcpy(z + end * N_FRAME, pair[end].z, sizeof pair[end].z);
+    }
+    evaluate_statement(s, z, 0.0, gradient, 0);
+    for (int c = 0; c < N_FRAME; c++) total += gradient[c] * moving[0].z[c] + gradient[N_FRAME + c] * moving[1].z[c];
+    return total;
+}
+
 /* A point's displacement against the rigid mechanism at the measured coordinates. */
 static double deformation(const struct output *o, const struct frame nodes[], const double theta[R]) {
     const struct side *point = &o->statement.b;
@@ -55,27 +75,66 @@ static double deformation(const struct output *o, const struct frame nodes[], co
     return o->in_body ? along : moved[o->axis];
 }
 
-static void find_displacements(const struct pgmp_model *m, double moved[N_SHAPES]) {
-    double factors[N_FACTORS];
+/* Displacements of the nodes in body frames and their rates. */
+static void find_displacements(const struct pgmp_model *m, double moved[N_SHAPES], double rates[N_SHAPES]) {
+    double factors[N_FACTORS], changes[N_FACTORS];
     struct stencil stencil;
     for (int i = 0, pair = M; i < M; i++) {
-        factors[i] = m->q[R + i];
-        for (int j = 0; SECOND_ORDER && j <= i; j++, pair++)
-            factors[pair] = (i == j ? 0.5 : 1.0) * m->q[R + i] * m->q[R + j];
+        factors[i] = m->q[R + i], changes[i] = m->v[R + i];
+        for (int j = 0; SECOND_ORDER && j <= i; j++, pair++) {
+            double half = i == j ? 0.5 : 1.0;
+            factors[pair] = half * m->q[R + i] * m->q[R + j];
+            changes[pair] = half * (m->v[R + i] * m->q[R + j] + m->q[R + i] * m->v[R + j]);
+        }
     }
     find_stencil(axes, m->q, &stencil);
-    for (int c = 0; c < N_SHAPES; c++) moved[c] = 0.0;
+    for (int c = 0; c < N_SHAPES; c++) moved[c] = rates[c] = 0.0;
     for (int p = 0; p < N_STENCIL; p++)
         for (int i = 0; i < N_FACTORS; i++) {
-            double weight = stencil.weights[0][p] * factors[i];
-            for (int c = 0; c < N_SHAPES; c++) moved[c] += weight * shapes_table[stencil.rows[p]][i][c];
+            double weight = stencil.weights[0][p] * factors[i], change = stencil.weights[0][p] * changes[i];
+            for (int k = 0; k < R; k++) change += stencil.weights[1 + k][p] * m->v[k] * factors[i];
+            for (int c = 0; c < N_SHAPES; c++) {
+                moved[c] += weight * shapes_table[stencil.rows[p]][i][c];
+                if (READS_RATES) rates[c] += change * shapes_table[stencil.rows[p]][i][c];
+            }
         }
 }
 
+static void find_nodes(const double theta[R], const double moved[N_SHAPES], struct frame nodes[]) {
+    struct frame bodies[N_BODIES];
+    place_bodies(theta, bodies);
+    for (int k = 0; k < N_NODES; k++) {
+        turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
+        nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];
+    }
+}
+
+/* Rates of the frames of nodes: differences of fourth order along the motion. */
+static void find_rates(const struct pgmp_model *m, const double moved[N_SHAPES], const double changes[N_SHAPES],
+                       struct frame rates[]) {
+    static const double offsets[4] = {-2.0, -1.0, 1.0, 2.0}, shares[4] = {1.0, -8.0, 8.0, -1.0};
+    double far = 1e-300, theta[R], there[N_SHAPES];
+    struct frame nodes[AT_LEAST_ONE(N_NODES)];
+    for (int k = 0; k < R; k++) far = fabs(m->v[k]) > far ? fabs(m->v[k]) : far;
+    for (int c = 0; c < N_SHAPES; c++) far = fabs(changes[c]) > far ? fabs(changes[c]) : far;
+    far = 2e-3 / far;
+    memset(rates, 0, AT_LEAST_ONE(N_NODES) * sizeof *rates);
+    for (int side = 0; side < 4; side++) {
+        double h = offsets[side] * far, share = shares[side] / (12.0 * far);
+        for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k];
+        for (int c = 0; c < N_SHAPES; c++) there[c] = moved[c] + h * changes[c];
+        find_nodes(theta, there, nodes);
+        for (int k = 0; k < N_NODES; k++) {
+            for (int c = 0; c < N_FRAME; c++) rates[k].z[c] += share * nodes[k].z[c];
+            rates[k].angle += share * nodes[k].angle;
+        }
+    }
+}
+
 void pgmp_observe(struct pgmp_model *m) {
-    double moved[N_SHAPES];
-    struct frame bodies[N_BODIES], nodes[AT_LEAST_ONE(N_NODES)], frame;
-    find_displacements(m, moved);
+    double moved[N_SHAPES], changes[N_SHAPES];
+    struct frame nodes[AT_LEAST_ONE(N_NODES)], rates[AT_LEAST_ONE(N_NODES)], frame;
+    find_displacements(m, moved, changes);
     m->elastic_rotation = 0.0;
     for (int c = N_DOFS * N_NODES; c < N_SHAPES; c += N_DOFS - D) { /* rotations of all flexible nodes */
         double square = 0.0;
@@ -83,21 +142,21 @@ void pgmp_observe(struct pgmp_model *m) {
         if (sqrt(square) > m->elastic_rotation) m->elastic_rotation = sqrt(square);
     }
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
-    place_bodies(m->q, bodies);
-    for (int k = 0; k < N_NODES; k++) {
-        turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
-        nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];
-    }
+    find_nodes(m->q, moved, nodes);
+    if (READS_RATES) find_rates(m, moved, changes, rates);
     for (int number = 0; number < N_OUTPUTS; number++) {
         const struct output *o = outputs + number;
         double *value = m->outputs + number;
         if (o->kind == DEFORMATION)
             *value = deformation(o, nodes, m->q);
         else if (o->kind == MEASURE)
-            *value = measure(&o->statement, nodes, m->q);
+            *value = o->rate ? measure_rate(&o->statement, nodes, rates) : measure(&o->statement, nodes, m->q);
         else {
-            attach(&o->statement.b, nodes, &frame);
-            *value = o->kind == ROTATION ? frame.angle : frame.z[o->axis] - o->origin;
+            if (o->rate)
+                attach_rate(&o->statement.b, rates, &frame);
+            else
+                attach(&o->statement.b, nodes, &frame);
+            *value = o->kind == ROTATION ? frame.angle : frame.z[o->axis] - (o->rate ? 0.0 : o->origin);
         }
     }
 }

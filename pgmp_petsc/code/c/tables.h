@@ -17,12 +17,14 @@ struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
 struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
 /* A law of a measure s. About is, in an iteration, the rate at which the law was evaluated last, NAN before that. One
-   whose iterates jump between two branches is taken up from zero there, and the next about is NAN. */
+   whose iterates jump between two branches is taken up from zero there, and the next about is NAN. Behind these is how
+   far each edge of the law is crossed. */
 enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
-/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, number of its strength and law. */
-struct action { int a, b, strength; law_function *law; double winding[R]; struct statement statement; };
-struct output { int kind, axis, in_body; double origin; struct statement statement; };
+/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, of its strength, and of
+   its first edge among those of all; how many edges its law has. */
+struct action { int a, b, strength, edge, n_edges; law_function *law; double winding[R]; struct statement statement; };
+struct output { int kind, axis, in_body, rate; double origin; struct statement statement; };
 
 enum { MEASURE, ROTATION, POSITION, DEFORMATION };
 
@@ -70,8 +72,8 @@ double evaluate_piece(int function, double time, double since, double rates[2]);
 void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
                          double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
 void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
-                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double r[N],
-                 struct matrix *matrix);
+                 const double q[N], const double v[N], double gain_v, int fresh, double about[], double depths[],
+                 double r[N], struct matrix *matrix);
 void eliminate(struct matrix *matrix);
 void solve(const struct matrix *matrix, double x[N]);
 

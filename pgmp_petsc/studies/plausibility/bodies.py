@@ -14,11 +14,11 @@ from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import PgmpError
-from pgmp_petsc.runtime.installed import alone
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material
+from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
-from pgmp_petsc.scene.findings import Finding, doubt, named, refusal
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49

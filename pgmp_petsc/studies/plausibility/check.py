@@ -1,4 +1,4 @@
-"""All checks of a scene's sense, in the order of its tables.
+"""All checks of a scene's sense, in the order of its tables; those of its settings, parameters and units are here.
 
 Limits are orders of magnitude: what is a hundred times beyond the usual is worth a question. Refused is only what no
 mechanism can have, such as a beam thicker than long or a motion faster than light.
@@ -6,18 +6,30 @@ mechanism can have, such as a beam thicker than long or a motion faster than lig
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import chain
 
+import numpy as np
+from pydantic import BaseModel
+
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.unit_systems import SI, unit_system
+from pgmp_petsc.scene.fields import GROUND, split_point
+from pgmp_petsc.scene.joints import ORIGIN
+from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
+from pgmp_petsc.scene.parameters import Parameter
+from pgmp_petsc.scene.references import DEGREES
+from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
+from pgmp_petsc.scene.uses import uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
+    Size,
     body_findings,
     first_frequency,
     material_findings,
@@ -25,8 +37,6 @@ from pgmp_petsc.studies.plausibility.bodies import (
     sizes_of,
 )
 from pgmp_petsc.studies.plausibility.loads import load_findings, motion_findings, stop_findings
-from pgmp_petsc.studies.plausibility.settings import parameter_findings, setting_findings, unused_findings
-from pgmp_petsc.studies.plausibility.unit_systems import system_findings
 
 SEVERAL, SHOWN = 3, 6  # findings that are told as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
@@ -88,3 +98,235 @@ def _entries(texts: Sequence[str]) -> str:
     """Return the entries that texts begin with, the first few of them."""
     shown = [re.split(r" = |: ", text, maxsplit=1)[0] for text in texts[:SHOWN]]
     return ", ".join(shown) + (", ..." if len(texts) > SHOWN else "")
+
+
+FEW_STEPS = 10  # of a run
+MANY_STEPS = 1e7
+STEPS_A_PERIOD = 3  # of a body's first bending; with fewer a motion cannot be told from its alias
+SMALL_RANGE = 1e-3  # rad
+WHOLE_TURN = 2 * math.pi + 1e-3  # rad
+IN_RAD = "Angles are in rad: 90 degrees are 1.5708"
+LARGE_TABLES, LARGEST_TABLES = 16e9, 1e12  # bytes
+BYTES = 8
+Frequency = Callable[[], float | None]
+
+
+def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
+    """Yield settings that do not go together; `first` returns the first frequency of the mechanism, Hz, if it can be
+    had."""
+    simulation = scene.simulation
+    if simulation.tolerance is None or "step" in simulation.model_fields_set:
+        yield from _steps(scene, sizes, first)
+    for name, coordinate in scene.coordinates.items():
+        low, high = coordinate.range
+        if high - low < SMALL_RANGE:
+            yield doubt(
+                f"coordinates.{name}.range",
+                "hardly a range; it is in rad, and a run ends where it leaves it",
+                list(coordinate.range),
+            )
+        elif high - low > WHOLE_TURN and low % DEGREES == 0.0 == high % DEGREES:
+            turns = f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
+            yield doubt(f"coordinates.{name}.range", turns, list(coordinate.range))
+    for name, body in scene.bodies.items():
+        if (given := body.placement) is None:
+            continue
+        turn = abs(given.angle) if given.rotation is None else math.hypot(*given.rotation)
+        if turn > WHOLE_TURN:
+            key = "angle" if given.rotation is None else "rotation"
+            value = given.angle if given.rotation is None else list(given.rotation)
+            yield doubt(f"bodies.{name}.placement.{key}", f"more than a turn; is it in degrees? {IN_RAD}", value)
+    for name, state in scene.simulation.initial.items():
+        position = state.position
+        if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
+            where = f"simulation.initial.{name}.position"
+            yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
+    yield from _tables(scene)
+    yield from _without_effect(scene)
+    if not scene.outputs:
+        yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
+
+
+def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
+    simulation = scene.simulation
+    step, n_steps = simulation.step, simulation.duration / simulation.step
+    if n_steps <= 1.0:
+        yield refusal(
+            "simulation.step", f"one step for the whole run of {simulation.duration:g} s; take a smaller one", step
+        )
+    elif n_steps < FEW_STEPS:
+        yield doubt("simulation.step", f"only {n_steps:.2g} steps for the whole run of {simulation.duration:g} s", step)
+    elif n_steps > MANY_STEPS:
+        yield doubt("simulation.step", f"{n_steps:.2g} steps to simulation.duration = {simulation.duration:g} s", step)
+    bending = {name: size.frequency_hz for name, size in sizes.items() if size.frequency_hz > 0.0}
+    if bending:
+        softest = min(bending, key=bending.__getitem__)
+        if step * bending[softest] * STEPS_A_PERIOD > 1.0:
+            frequency, what = first(), "the first mode of the mechanism has"
+            if frequency is None:
+                frequency, what = bending[softest], f"between hinged ends {softest} bends with about"
+            if step * frequency * STEPS_A_PERIOD > 1.0:
+                yield doubt(
+                    "simulation.step",
+                    f"{what} {frequency:.3g} Hz, of which a period has {1 / (step * frequency):.2g} steps; at least "
+                    f"{STEPS_A_PERIOD} are needed to see it: take {0.05 / frequency:.1g} s",
+                    step,
+                )
+
+
+def _tables(scene: Scene) -> Iterator[Finding]:
+    reduction = scene.reduction
+    if reduction.tolerance is not None and not {"modes", "angles"} <= reduction.model_fields_set:
+        return
+    n_vectors, n = reduction.modes + reduction.parameter_modes, len(scene.coordinates)
+    if n > MOST_COORDINATES:
+        return  # a build is refused, and nothing else has tables
+    count = float(reduction.angles) ** n
+    n_bytes = BYTES * count * n_vectors**2 * (n_vectors if scene.second_order else 1)
+    words = (
+        f"{count:.3g} configurations with {n_vectors} vectors each make tables of at least {n_bytes / 1e9:.3g} GB; "
+        "take fewer angles or modes"
+    )
+    if n_bytes > LARGEST_TABLES:
+        yield refusal("reduction.angles", words, reduction.angles)
+    elif n_bytes > LARGE_TABLES:
+        yield doubt("reduction.angles", words, reduction.angles)
+
+
+def _without_effect(scene: Scene) -> Iterator[Finding]:
+    """Yield settings other than the defaults that work with another one, which the scene does not have."""
+    reduction = scene.reduction
+    chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
+    if reduction.stretching == "static" and not reduction.second_order and not chosen:
+        yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
+    if _is_set(reduction, "max_angles") and reduction.sampling_tolerance is None and not reduction.parameter_modes:
+        why = "without effect, as there is neither reduction.sampling_tolerance nor parameter_modes"
+        yield doubt("reduction.max_angles", why, reduction.max_angles)
+    if _is_set(reduction, "length_points") and not length_names(scene):
+        why = "without effect, as no parameter is a length or a place"
+        yield doubt("reduction.length_points", why, reduction.length_points)
+    ensemble = scene.ensemble
+    if _is_set(ensemble, "replicates") and ensemble.sampler not in ("sobol", "saltelli"):
+        own = f'without effect, as ensemble.sampler = "{ensemble.sampler}"'
+        why = f'{own}; it is for "sobol" and "saltelli" (--sampler)'
+        yield doubt("ensemble.replicates", why, ensemble.replicates)
+    if _is_set(ensemble, "band_samples") and not ensemble.bands:
+        yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
+
+
+def _is_set(settings: BaseModel, name: str) -> bool:
+    """Return whether an entry differs from its default."""
+    return getattr(settings, name) != type(settings).model_fields[name].default
+
+
+def unused_findings(scene: Scene) -> Iterator[Finding]:
+    """Yield parameters, materials and ground points that nothing uses."""
+    parameters = {use.parameter for use in uses_of(scene)}
+    for name in scene.parameters:
+        if name not in parameters:
+            yield doubt(f"parameters.{name}", "nothing uses it: no entry holds its name; leave it out")
+    materials = {material for body in scene.bodies.values() for material in (body.material, *body.regions.values())}
+    for name in scene.materials:
+        if name not in materials:
+            yield doubt(f"materials.{name}", "no body is made of it; leave it out")
+    ground = {point for owner, point in map(split_point, _addresses(scene)) if owner == GROUND}
+    for name in scene.ground.points:
+        if name not in ground and name != ORIGIN:
+            yield doubt(f"ground.points.{name}", "nothing is attached to it; leave it out")
+
+
+def _addresses(scene: Scene) -> Iterator[str]:
+    for joint in scene.joints.values():
+        yield from joint.connect
+    for effect in scene.effects.values():
+        yield from getattr(effect, "points", None) or ()
+        for key in ("point", "towards"):
+            if getattr(effect, key, None) is not None:
+                yield getattr(effect, key)
+
+
+CUT_OFF = 0.01  # share of a distribution beyond its bounds
+NOT_POSITIVE = 1e-3  # share of a distribution where a parameter makes no sense
+FAR = 1e-6  # share of a distribution beyond the nominal value
+OTHER_UNIT = 300.0  # ratio of median and nominal value, from which on one of them is in another unit
+
+
+def parameter_findings(scene: Scene) -> Iterator[Finding]:
+    """Yield what is strange about parameters."""
+    signs = {use.parameter: use.sign for use in uses_of(scene) if use.parameter is not None}
+    for name, parameter in scene.parameters.items():
+        if parameter.distribution is not None:
+            with np.errstate(all="ignore"):  # distributions with arguments at the ends of what floats hold
+                yield from _distribution(f"parameters.{name}", parameter, signs.get(name, "any"))
+
+
+def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Finding]:
+    law, nominal = parameter.distribution.law, parameter.nominal
+    median = float(law.median())
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    beyond = min(float(law.cdf(nominal)), float(law.sf(nominal)))
+    if not np.isfinite(median):
+        yield refusal(f"{entry}.distribution", "has no median that is a number; other arguments are needed")
+    elif beyond < FAR and nominal * median > 0 and not 1 / OTHER_UNIT < median / nominal < OTHER_UNIT:
+        yield refusal(
+            f"{entry}.nominal",
+            f"the median of its distribution is {median:.4g}{unit}, {median / nominal:.3g} times as much; is one of "
+            "them in another unit? `unit` holds for both",
+            nominal,
+        )
+    elif beyond < FAR:
+        yield doubt(
+            f"{entry}.nominal",
+            f"lies outside its distribution, which has half of its samples below {median:.4g}{unit} and less than "
+            f"{FAR:g} of them beyond this; the reduced basis is built where no sample is",
+            nominal,
+        )
+    if parameter.bounds is not None:
+        low, high = parameter.bounds
+        lost = float(law.cdf(low) + law.sf(high))
+        if lost > CUT_OFF:
+            yield doubt(
+                f"{entry}.bounds",
+                f"{100 * lost:.3g} % of its distribution lies beyond them; widen them, or give a narrower distribution",
+                list(parameter.bounds),
+            )
+    least = 0.0 if parameter.bounds is None else max(0.0, parameter.bounds[0])
+    without_sense = float(law.cdf(0.0)) if least == 0.0 else 0.0
+    if sign != "any" and without_sense > NOT_POSITIVE and (parameter.bounds is None or parameter.bounds[0] < 0.0):
+        yield doubt(
+            f"{entry}.distribution",
+            f"{100 * without_sense:.3g} % of it is below 0, where this parameter makes no sense; give bounds, or a "
+            "distribution of positive numbers such as lognorm",
+        )
+
+
+def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
+    """Yield what is wrong with a scene that is not in SI units: gravity that is not said, units of parameters."""
+    if system in (None, SI):
+        return
+    name, material = next(iter(scene.materials.items()))
+    shown = f"{name} has rho = {scene.number(material.rho):g} and E = {scene.number(material.E):g}"
+    missing = [
+        name
+        for name, effect in scene.effects.items()
+        if effect.uniform and "acceleration" not in effect.model_fields_set
+    ]
+    for effect in missing if system.gravity != STANDARD_GRAVITY else ():
+        yield refusal(
+            f"effects.{effect}.acceleration",
+            f"missing, and 9.81 m/s2 does not fit: the materials are in {system} ({shown}); say acceleration = "
+            f"{system.gravity:g} ({system.names[0]}/{system.names[2]}2), or give materials and lengths in SI units",
+        )
+    yield doubt(
+        "materials",
+        f"they are in {system} ({shown}), and all numbers are computed with as they are: outputs are in these units, "
+        f"but messages that say m, kg, N or Pa mean {system}, {system.force} and {system.pressure}",
+    )
+    for name, parameter in scene.parameters.items():
+        if parameter.unit not in ("", "-", "1", "rad"):
+            yield doubt(
+                f"parameters.{name}.unit",
+                f"numbers with a unit are converted to SI, but the materials are in {system}; leave the unit out and "
+                "give the number in these",
+                parameter.unit,
+            )
