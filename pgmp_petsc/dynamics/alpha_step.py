@@ -194,7 +194,7 @@ class Stretch:
         taken = self.stepper.take(self.moment, self.ends, self.step, self.samples)
         n_steps, outcome = np.where(self.samples, len(taken), 0), np.full(self.samples.size, Outcome.DONE)
         n_steps[taken.lost], outcome[taken.lost] = len(taken) - 1, Outcome.LOST
-        for k in range(len(taken)):
+        for k in range(len(taken) if self.beyond.size or system.has_range else 0):
             state, here = taken.states.at(k), n_steps > k
             crossed = np.zeros_like(here)
             if self.beyond.size:
@@ -204,23 +204,17 @@ class Stretch:
             n_steps[crossed | outside] = k
             if not here.any():
                 break
-        for n in np.unique(n_steps[n_steps > 0]).tolist():
+        for n in set(n_steps.tolist()) - {0}:
             there = n_steps == n
             put(system, self.moment, taken.after(n, begun), there)
             rows = slice(*np.searchsorted(self.shown, [self.first + 1, self.first + n + 1]))
-            if rows.start < rows.stop:
-                steps = self.shown[rows] - self.first - 1
-                _show_some(system, self.trail.at(rows), taken.states.at(steps), there)
+            steps = self.shown[rows] - self.first - 1
+            if steps.size and not there.all():
+                system.restore_all(self.trail.at(rows), taken.states.at(steps), there)
+            elif steps.size:
+                for part, found in zip(self.trail.parts(), taken.states.parts()):
+                    part[rows] = found[:n] if steps.size == n else found[steps]
         return outcome, n_steps
-
-
-def _show_some(system: SecondOrderSystem, trail: State, states: State, samples: np.ndarray) -> None:
-    """Put some samples in all instants of a trail."""
-    if not samples.all():
-        system.restore_all(trail, states, samples)
-        return
-    for part, found in zip(trail.parts(), states.parts()):
-        part[:] = found
 
 
 class AlphaStep:
@@ -386,6 +380,10 @@ def standing(state: State, auxiliary: np.ndarray, n_samples: int) -> Moment:
 def put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
     """Copy where some samples are, a mask; a system alone knows where its samples are in arrays."""
     state = target.state
+    if samples.all():
+        for into, found in zip((*state.parts(), *target[1:]), (*source.state.parts(), *source[1:])):
+            into[:] = found
+        return
     system.restore(state, source.state, samples)
     # multipliers and turns are copied onto themselves
     into, found = (State(m.auxiliary, m.before, m.before, state.multipliers, state.turns) for m in (target, source))

@@ -13,7 +13,8 @@ from the beginning of the step or from the edge before, and says of what length 
     REACHING   up to the first of the edges that were found
     REST       from there to the end of the step
 
-`EventLocation` is the search of all other systems, and of samples of which a part of a step fails.
+`EventLocation` does the trials of all other systems, one sample after the other, and of samples of which a part of a
+step fails.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class EdgeSearch(NamedTuple):
     beyond: np.ndarray
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def allocate_search(n_events):
     """Return arrays for the search in a block."""
     return EdgeSearch(
@@ -152,7 +153,7 @@ def give_up(search, lanes, samples, beyond):
                 beyond[samples[lane], event] = search.beyond[event, lane]
 
 
-@njit(error_model="numpy", counted=False)
+@njit(cache=True, error_model="numpy", counted=False)
 def look(search, lane, step, depths, beyond):
     """Look at the end of a lane's trial, and choose the next one.
 
@@ -330,7 +331,6 @@ class EventLocation:
         self.beyond = system.depths(0.0, start) > 0.0
         self.shortest = np.full(system.n_samples, np.inf)
         self._last = np.full(self.beyond.shape, -np.inf)
-        self.n_located = 0
 
     def by(self, stepper: AlphaStep) -> EventLocation:
         """Return the location with other steps of the same samples: what either of them crosses, both have crossed."""
@@ -388,50 +388,31 @@ class EventLocation:
         alone
             The sample as a mask, shape (n_samples,).
         """
-        left, taken = step, []
-        for _ in range(MAX_EVENTS):
-            there = self._advance(moment, end, left, alone)
-            if there is None:
+        search, taken, (sample,) = allocate_search(len(self.beyond)), [], np.flatnonzero(alone)
+        beyond = self.beyond[:, sample].copy()
+        search.stage[0], search.duration[0] = WHOLE, step
+        left, found = step, TRIED
+        while found != DONE:
+            duration = float(search.duration[0])
+            reaching = search.stage[0] == REACHING
+            until = end if duration == left else end - left + duration
+            there = self._advance(moment, until, duration, alone)
+            if there is not None:
+                depths = np.ascontiguousarray(self._system.depths(until, there[0])[:, sample])
+            elif search.stage[0] == EARLIEST:
+                depths = np.full(len(beyond), np.nan)  # as if the edge were there
+            else:
                 return None
-            crossed = np.flatnonzero(self._crossed(end, there, alone))
-            if not crossed.size:
-                return [*taken, Part(end, left, -1, *there)]
-            first, edge = min((self._root(moment, end, left, alone, edge), edge) for edge in crossed)
-            self.beyond[edge, alone] = ~self.beyond[edge, alone]
-            self.n_located += 1
-            if first > SHORTEST * step:
-                moment = self._advance(moment, end - left + first, first, alone)
-                if moment is None:
-                    return None
-                left -= first
-                taken.append(Part(end - left, first, int(edge), *moment))
-                if left <= SHORTEST * step:
-                    return taken
-        last = self._advance(moment, end, left, alone)
-        return None if last is None else [*taken, Part(end, left, -1, *last)]
-
-    def _root(self, moment: Place, end: float, left: float, alone: np.ndarray, edge: int) -> float:
-        """Return how long it takes to the edge, s."""
-        from scipy.optimize import brentq  # takes a noticeable time, and few runs have events
-
-        start = end - left
-        sign = -1.0 if self.beyond[edge, alone][0] else 1.0
-
-        def depth(duration: float) -> float:
-            there = self._advance(moment, start + duration, duration, alone)
-            if there is None:
-                return np.nan
-            return sign * float(self._system.depths(start + duration, there[0])[edge, alone][0])
-
-        earliest = SHORTEST * left
-        if not depth(earliest) < 0.0:
-            return 0.0
-        return float(brentq(depth, earliest, left, xtol=TIME_TOLERANCE * left))
+            found = look(search, 0, step, depths, beyond)
+            if found == HOPELESS:
+                return None
+            if found in (REACHED, DONE):
+                left -= duration
+                moment = there
+                taken.append(Part(until, duration, int(search.nearest[0]) if reaching else -1, *there))
+        self.beyond[:, sample] = beyond
+        return taken
 
     def _advance(self, moment: Place, end: float, duration: float, alone: np.ndarray) -> Place | None:
         after, lost = self._stepper.take_one(standing(*moment, alone.size), end, duration, alone)
         return None if lost.any() else (after.state, after.auxiliary)
-
-    def _crossed(self, time: float, moment: Place, alone: np.ndarray) -> np.ndarray:
-        """Return which edges lie between the sample and where it was, shape (n_events,)."""
-        return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self.beyond[:, alone][:, 0]

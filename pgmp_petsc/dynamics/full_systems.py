@@ -60,6 +60,7 @@ if TYPE_CHECKING:
 STEPS_AT_ONCE, BEFORE_EDGES = 50, 32
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 ITSELF = np.empty((0, 1))  # no residual but c
+Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 
 
 class FullSystem(SecondOrderSystem):
@@ -164,13 +165,7 @@ class FullSystem(SecondOrderSystem):
         raise NotImplementedError
 
     def _correct(
-        self,
-        time: float,
-        state: State,
-        gains: tuple[float, float, float],
-        residual: np.ndarray,
-        active: np.ndarray,
-        fresh: bool,
+        self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
     ) -> np.ndarray:
         """Correct a state in place; `residual` replaces c where given. Return the sizes."""
         raise NotImplementedError
@@ -273,13 +268,7 @@ class FullBatch(FullSystem):
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), itself, active, fresh)
 
     def _correct(
-        self,
-        time: float,
-        state: State,
-        gains: tuple[float, float, float],
-        residual: np.ndarray,
-        active: np.ndarray,
-        fresh: bool,
+        self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
     ) -> np.ndarray:
         now = self._sources.at(np.array([time]))
         correct(
@@ -467,13 +456,7 @@ class FullDistributed(FullSystem):
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), ITSELF, active, fresh)
 
     def _correct(
-        self,
-        time: float,
-        state: State,
-        gains: tuple[float, float, float],
-        residual: np.ndarray,
-        active: np.ndarray,
-        fresh: bool,
+        self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
     ) -> np.ndarray:
         gain_v, gain_a, _ = gains
         with np.errstate(all="ignore"):  # a sample that fails may overflow before it is given up
@@ -542,7 +525,7 @@ class FullDistributed(FullSystem):
         self,
         time: float,
         state: State,
-        gains: tuple[float, float, float],
+        gains: Gains,
         scale: float,
         residual: np.ndarray,
         fresh: bool,

@@ -216,7 +216,7 @@ class GeneralisedAlpha:
             )
             at[together] += n_steps[together]
             stuck = together & (outcome != Outcome.DONE)
-            for number in np.unique(at[stuck]).tolist():
+            for number in sorted(set(at[stuck].tolist())):
                 there = stuck & (at == number)
                 self._advance_with_care(number, there, outcome)
                 self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
@@ -254,11 +254,8 @@ class GeneralisedAlpha:
         if lost.any():
             after, failed = self._stepper.retry(before, end, self._step, lost)
         if self._events is not None:
-            beyond = self._beyond.copy()
             crossing |= self._events.crossing(end, after.state, lost & ~failed)
             failed |= self._events.repeat_steps(before, after, end, self._step, crossing)
-            if self._parts > 1:
-                self._beyond[:, failed] = beyond[:, failed]
         if self._parts > 1 and failed.any():
             failed = self._advance_in_parts(before, after, number, failed)
         if failed.any():

@@ -216,7 +216,7 @@ class ReducedSystem(SecondOrderSystem):
         Local effects, if there are any.
     """
 
-    steps_at_once = 2**31  # each by itself
+    steps_at_once, has_range = 2**31, True  # steps each by itself
 
     def __init__(
         self,

@@ -50,7 +50,7 @@ class State:
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
-        return State(*(part[number] for part in self.parts()))
+        return State(self.q[number], self.v[number], self.a[number], self.multipliers[number], self.turns[number])
 
 
 class Moment(NamedTuple):
@@ -122,6 +122,8 @@ class SecondOrderSystem:
         Whether a run begins with other accelerations than those of the start; see `first_accelerations`.
     rubs
         Whether nothing is to be concluded from how an iteration contracted in the step before.
+    has_range
+        Whether samples may leave the model's range of validity (`outside`).
     moving_constraints
         Whether constraints turn or follow motions; see `AlphaStep`.
     """
@@ -133,6 +135,7 @@ class SecondOrderSystem:
     steps_at_once: int = 1
     has_light_nodes: bool = False
     rubs: bool = False
+    has_range: bool = False
     moving_constraints: bool = False
 
     def start(self) -> State:

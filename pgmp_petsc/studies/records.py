@@ -9,6 +9,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
+from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
@@ -114,10 +115,8 @@ class FullRecord:
         return np.array([b - a for a, b in angles])
 
 
-class ReducedRecord:
+class ReducedRecord(Observer):
     """Keeps all states of a run of one sample, and counts its steps; one of its observers."""
-
-    every = 1
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
@@ -129,7 +128,7 @@ class ReducedRecord:
         self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `TrailObserver`."""
+        """Keep the states after many steps; see `Observer`."""
         self._keep(times, trail, times.size)
 
     def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:

@@ -51,6 +51,7 @@ class LinearSystem(SecondOrderSystem):
     n_corrections: int = 0
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
     has_light_nodes: bool = False
+    has_range: bool = True
 
     @property
     def n_samples(self) -> int:
