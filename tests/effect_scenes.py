@@ -11,14 +11,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.dynamics.energies import joined
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.energies import joined
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.balance import balance_of
 
 G = 9.81  # m/s2

@@ -41,9 +41,6 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.alpha_step import n_first_steps
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -57,6 +54,9 @@ from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.stepping.alpha_step import n_first_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI

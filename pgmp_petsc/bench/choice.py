@@ -43,7 +43,6 @@ from pgmp_petsc.bench.step_choice import (
     first_steps,
 )
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
@@ -54,6 +53,7 @@ from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     import h5py
@@ -255,7 +255,7 @@ def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     if apart and apart[worst] > SPARE * tolerance:
         return [
             f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in "
-            f'{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold '
+            f"{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold "
             '(reference.model = "mesh")'
         ]
     if errors is None:

@@ -35,7 +35,6 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.components.floating_frames import floating_shapes
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -47,6 +46,7 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI

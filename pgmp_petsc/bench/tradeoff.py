@@ -196,9 +196,7 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 
-def _work(
-    bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm
-) -> dict[Setting, Measured] | None:
+def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm) -> dict[Setting, Measured] | None:
     """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
     own: dict[Setting, Measured] = {}
     settings = [setting for task in dealt[comm.rank] for setting in task]

@@ -94,4 +94,3 @@ class ModeInertia(Half):
 
     type: Literal["mode_inertia"]
     other_half = "geometric_stiffening"
-

@@ -51,7 +51,8 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.joints import are_parallel
-from pgmp_petsc.scene.messages import Finding, doubt, named, problem, refusal as impossible
+from pgmp_petsc.scene.messages import Finding, doubt, named, problem
+from pgmp_petsc.scene.messages import refusal as impossible
 from pgmp_petsc.scene.numerics import Reduction
 
 #: Rotations that a bushing resists, and what a scene moves in.
@@ -84,9 +85,7 @@ def left_out(actions: Sequence[Action]) -> dict[str, str]:
     """Return why actions are not in the stiffness, by the name of their effect; sources are loads, and not named."""
     springs = {action.effect for action in actions if action.stiffness}
     return {
-        action.effect: action.law.left_out
-        for action in actions
-        if action.law.left_out and action.effect not in springs
+        action.effect: action.law.left_out for action in actions if action.law.left_out and action.effect not in springs
     }
 
 

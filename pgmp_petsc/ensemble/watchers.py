@@ -16,17 +16,17 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.energies import Energies, RunningBalance
-from pgmp_petsc.dynamics.generalised_alpha import Observer, Run, count_steps
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
-from pgmp_petsc.indicator.validity import Validity
+from pgmp_petsc.estimates.coarser_run import OutputRecord, run_coarser, step_errors
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
+from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
+from pgmp_petsc.stepping.energies import Energies, RunningBalance
+from pgmp_petsc.stepping.generalised_alpha import Observer, Run, count_steps
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
 Found = dict[str, dict[str, np.ndarray]]

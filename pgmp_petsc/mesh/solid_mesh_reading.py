@@ -33,9 +33,9 @@ from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 
 from pgmp_petsc.mesh.abaqus import check_sets
 from pgmp_petsc.mesh.cell_checks import check_cells, shown
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.runtime.errors import InputError, shortened
 
 KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}

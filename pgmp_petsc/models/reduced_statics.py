@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 
 TURN = 1e-6  # rad of differences
 TORQUE = 1e-3  # of differences along torques, in units of those that are left

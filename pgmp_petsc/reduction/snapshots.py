@@ -9,7 +9,7 @@ Where in the parameter space they are taken is a greedy choice. Candidates span 
 (`scene.spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
 and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
 point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
-worst candidate hardly better. """
+worst candidate hardly better."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ libraries read when they are imported, of which a wrong one ends in a traceback 
 What this Python has of MPI, PETSc and SLEPc, and what is said where one of them is needed and absent.
 
 Reduced models run without them: this process alone is then the communicator (`OneRank`), and a plain loop
-drives the integration (`dynamics.drivers`). docs/without_petsc.md says what works so.
+drives the integration (`stepping.drivers`). docs/without_petsc.md says what works so.
 
 A communicator of this process alone, for a Python without MPI.
 """

@@ -233,10 +233,7 @@ class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
     joint: str = Field(description="name of a joint that turns or slides")
-    motion: Literal["turning", "sliding"] | None = Field(
-        None, description="which motion of a joint that has both"
-    )
-
+    motion: Literal["turning", "sliding"] | None = Field(None, description="which motion of a joint that has both")
 
     #: Entry that its work grows with.
     strength: ClassVar[str] = ""

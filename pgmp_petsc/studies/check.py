@@ -30,6 +30,8 @@ from pgmp_petsc.scene.effect_checks import parts_of, points_used
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
+
+
 #: What effects add that are neither loads nor local forces.
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.

@@ -7,14 +7,15 @@ from collections.abc import Collection
 
 import numpy as np
 
-from pgmp_petsc.dynamics.energies import Energies, joined
-from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
-from pgmp_petsc.dynamics.generalised_alpha import Observer
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.full.systems import FullBatch, FullDistributed
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.models.body_fields import Fields, FullFields, joined as joined_fields
+from pgmp_petsc.models.body_fields import Fields, FullFields
+from pgmp_petsc.models.body_fields import joined as joined_fields
 from pgmp_petsc.runtime.progress import Progress
+from pgmp_petsc.stepping.energies import Energies, joined
+from pgmp_petsc.stepping.generalised_alpha import Observer
+from pgmp_petsc.stepping.second_order_system import State
 
 
 class FullRecord:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.estimates.coverage import polynomials_of_lengths
+from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.indicator.coverage import polynomials_of_lengths
-from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
@@ -21,6 +20,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import correlation_matrix
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     from mpi4py import MPI

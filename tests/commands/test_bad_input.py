@@ -14,8 +14,8 @@ from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgm
 from sealed import resealed
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.stepping.status import Status
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
