@@ -411,7 +411,9 @@ class _Member:
     def __init__(self, model: ReducedModel, values: Mapping[str, float], states: State) -> None:
         self._model, self._values, self._states = model, values, states
         frames, self._along = model.reconstruction.along(states.q)
-        observed = model.observed_of(states.q, values, states.v)
+        stresses = np.empty((0, len(states.q))) if model.stresses is None else model.stresses.of(states.q, values)
+        rates = model.reconstruction.rates(states.q, states.v) if model.outputs.n_rates else None
+        observed = model.outputs.observed(frames, stresses, rates)
         self._behind = observed[frames.shape[0] * frames.shape[1] :]
         # the loops that this closes serve all evaluations next to it
         self._evaluate = model.outputs.near(observed)
