@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.indicator.coverage import absence_of_estimates, is_estimated
+from pgmp_petsc.indicator.coverage import SMALLER_ERRORS, absence_of_estimates, is_estimated
 from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import Remark, note, warning
@@ -71,6 +71,7 @@ def of_statistics(
     fine: np.ndarray,
     units: Mapping[str, str],
     described: tuple[str, str],
+    model: str = "reduced",
 ) -> tuple[Remark, ...]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
@@ -86,7 +87,10 @@ def of_statistics(
         Of the quantities.
     described
         What goes by the mean, and what by the spread.
+    model
+        What was run; errors of others than the reduced model are those of their time step.
     """
+    whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
     for name, values in quantities:
         if name in errors:
@@ -94,11 +98,11 @@ def of_statistics(
             told += _of_quantity(name, values, errors[name], fine, units.get(name, "1"), described)
     said = []
     if told:
-        said.append(warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"))
+        said.append(warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}"))
     if 0 < n_checked < FEWEST:
         said.append(
             note(
-                f"what errors of the reduced model do to deviations and quantiles is not known: it takes {FEWEST} checked "
+                f"what errors of {whose} do to deviations and quantiles is not known: it takes {FEWEST} checked "
                 f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
             )
         )
