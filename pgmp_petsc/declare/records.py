@@ -89,8 +89,8 @@ def array(*sizes: str | int, default: Any = MISSING, **how: Any) -> Any:
     how
         ``unit``, ``about``, ``at``: see the module. ``also``: further places of an attribute. ``gaps``: whether numbers
         may be missing (NaN), which may depend on the name. ``absent``: what a file without it means, which is damaged
-        if not given; it may depend on what was read before. ``when``: of which records it is written. ``code``: how a value
-        is encoded and decoded.
+        if not given; it may depend on what was read before. ``when``: of which records it is written. ``code``: how a
+        value is encoded and decoded.
         ``stored``: type of the numbers in the file. ``allowed``: its values. ``part``: it is this column of the array
         at its place, or this entry of the JSON objects there. ``padded``: number of columns in the file, filled with
         zeros. ``each``: a dataset for each entry along the first axis, and the word for such an entry. ``columns``: the

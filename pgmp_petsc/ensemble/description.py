@@ -135,7 +135,7 @@ def describe_ensemble(
         *_estimate_remarks(origin, estimates, status, peaks),
         *of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
-            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
+            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
     )  # fmt: skip
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.estimates.coverage import absence_of_estimates, is_estimated
+from pgmp_petsc.estimates.coverage import SMALLER_ERRORS, absence_of_estimates, is_estimated
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import Remark, note, warning
@@ -21,6 +21,7 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 
 COMPARABLE = 0.05  # of a figure
 FEWEST = 5  # checked samples that tell of a deviation
+DOUBTED = 0.25  # of a deviation, from which on an error that fewer of them have is a doubt of it
 CURE = "a better basis (reduction.tolerance) makes it smaller, and full-order runs (--full) do without it"
 
 
@@ -71,6 +72,7 @@ def of_statistics(
     fine: np.ndarray,
     units: Mapping[str, str],
     described: tuple[str, str],
+    model: str = "reduced",
 ) -> tuple[Remark, ...]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
@@ -86,7 +88,10 @@ def of_statistics(
         Of the quantities.
     described
         What goes by the mean, and what by the spread.
+    model
+        What was run; errors of others than the reduced model are those of their time step.
     """
+    whose, cure = ("the reduced model", CURE) if model == "reduced" else ("the time step", SMALLER_ERRORS[model])
     told, n_checked = [], 0
     for name, values in quantities:
         if name in errors:
@@ -94,12 +99,12 @@ def of_statistics(
             told += _of_quantity(name, values, errors[name], fine, units.get(name, "1"), described)
     said = []
     if told:
-        said.append(warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"))
+        said.append(warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}"))
     if 0 < n_checked < FEWEST:
         said.append(
             note(
-                f"what errors of the reduced model do to deviations and quantiles is not known: it takes {FEWEST} "
-                f"checked samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
+                f"what errors of {whose} do to deviations and quantiles is not known: it takes {FEWEST} checked "
+                f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
             )
         )
     return tuple(said)
@@ -119,6 +124,11 @@ def _of_quantity(
         yield (
             f"{words[1]} of {name}: {samples} have a deviation of {y.std(ddof=1):.3g}{tail}, and of "
             f"{(y - e).std(ddof=1):.3g}{tail} without the estimated errors"
+        )
+    elif n < FEWEST and np.abs(e).max() > DOUBTED * spread > 0.0:
+        yield (
+            f"{words[1]} of {name}, of {spread:.3g}{tail} ({samples} with errors up to {np.abs(e).max():.3g}{tail}; "
+            "ensemble.checked_share checks more)"
         )
     if abs(e.mean()) > COMPARABLE * max(abs(float(all_fine.mean())), spread):
         yield f"{words[0]} of {name}: about {e.mean():+.3g}{tail} of {all_fine.mean():.3g}{tail} ({samples})"

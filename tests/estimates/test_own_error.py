@@ -31,7 +31,19 @@ def test_a_mean_of_errors_is_told_beside_the_mean_and_small_errors_are_not() -> 
     values = np.random.default_rng(1).normal(2.0, 0.5, 50)
     assert "mean of force: about +0.4 N of" in told(values, np.full(50, 0.4))
     assert told(values, np.full(50, 0.01)) == told(values, np.full(50, np.nan)) == ""
-    assert "(1 checked sample)" in told(values, np.append(0.4, np.full(49, np.nan)))  # one tells of no deviation
+    assert "(1 checked sample)" in told(values, np.append(0.4, np.full(49, np.nan)))
+    # one tells of no deviation, and its error is named beside that where it is a good part
+    assert "deviation, quantiles of force, of 0.445 N" in told(values, np.append(0.4, np.full(49, np.nan)))
+    assert "quantiles of force" not in told(values, np.append(0.05, np.full(49, np.nan)))
+
+
+def test_errors_of_full_order_samples_are_the_steps_and_not_cured_by_full_order_runs() -> None:
+    values = np.random.default_rng(1).normal(2.0, 0.5, 50)
+    (said,) = of_statistics(
+        [("force", values)], {"force": np.full(50, 0.4)}, np.ones(50, bool), {"force": "N"}, WORDS, "full"
+    )
+    assert "time step" in said.text and "simulation.step" in said.text
+    assert "reduced" not in said.text and "--full" not in said.text
 
 
 def test_figures_are_told_from_a_share_of_their_size_on() -> None:
