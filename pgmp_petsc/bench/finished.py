@@ -64,17 +64,7 @@ class Finished:
     resume
         Whether to take up what is there.
 
-    Attributes
-    ----------
-    remarks
-        What was found and not taken up.
-
-    Raises
-    ------
-    InputError
-        If what is there belongs to another run.
-    RunError
-        If a rank cannot read what the first one can.
+    `remarks` are of files that were found and not taken up. Raises as `reduction.build_checkpoint.BuildCheckpoint`.
     """
 
     def __init__(
