@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
 # taken again
-STEPS_AT_ONCE, BEFORE_EDGES = 50, 32
+STEPS_AT_ONCE, BEFORE_EDGES = 200, 32
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 ITSELF = np.empty((0, 1))  # no residual but c
 Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
@@ -241,6 +241,10 @@ class FullBatch(FullSystem):
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
+
+    def steps_between_looks(self, every: int | None) -> int:
+        """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
+        return STEPS_AT_ONCE
 
     def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
         """Return the batch under effects and motions that differ from its own over time alone; both share memory."""

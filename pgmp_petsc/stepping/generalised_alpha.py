@@ -90,6 +90,11 @@ class Called(Observer):
         """See the state after a step."""
         self._function(number, time, state)
 
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps; the function is called without a method between."""
+        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
+            self._function(number, time, states.at(k))
+
 
 @dataclass(frozen=True)
 class Together(Observer):
