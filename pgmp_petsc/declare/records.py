@@ -287,7 +287,12 @@ class Record:
         taken: dict[str, Any] = {}
         for one in declared(cls):
             taken[one.name] = _Reader(cls, group, taken).take(one, dict(words or {}), one.place, one.depth)
-        return cls(**taken)
+        try:
+            return cls(**taken)
+        except ValueError as error:
+            if group.name == "/":
+                raise
+            raise ValueError(f"{error} (in '{group.name}')") from error
 
     @classmethod
     def found_in(cls, group: h5py.Group) -> Self | None:
