@@ -1,4 +1,4 @@
-"""What the arguments of the interface may be: checked in one place, by their annotations, before a function begins."""
+"""Checks of the interface's arguments: in one place, by their annotations, before a function begins."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Argument:
-    """What is said of an argument of a function; of `parts` the same of a field.
+    """Declaration of an argument of a function; `parts` declare its fields in the same way.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class Command:
 
     @property
     def arguments(self) -> dict[str, Argument]:
-        """What may be given on a command line, by name."""
+        """Arguments that a command line may give, by name."""
         found = dict(self.function.declared)
         for function in self.others:
             found |= {name: one for name, one in function.declared.items() if name not in found and not one.by_place}
@@ -208,7 +208,7 @@ class Command:
 
     @property
     def description(self) -> str:
-        """What it does, in paragraphs."""
+        """Description of the command, in paragraphs."""
         return self.spelled(_paragraphs(self.function.described))
 
 

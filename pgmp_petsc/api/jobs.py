@@ -46,7 +46,7 @@ ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
 
 @dataclass(frozen=True)
 class Done:
-    """What a run left.
+    """Results of a run.
 
     Attributes
     ----------

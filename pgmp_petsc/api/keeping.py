@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Keeper:
-    """What becomes of a result.
+    """Destination of a result: its file, its picture, and the ranks that get it.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ MOST_BYTES = 2**30  # that its tables may have
 
 @dataclass(frozen=True)
 class CandidatePrices:
-    """What is common to all candidates."""
+    """Figures common to all candidates."""
 
     n_unknowns: int  # of the mechanism, bodies of cells condensed
     # n_terms, n_coordinates: affine terms, and rigid coordinates
@@ -129,7 +129,7 @@ SCHEMES = {1: ("spectral", "spline"), 2: ("spline",)}
 
 @dataclass(frozen=True)
 class Limits:
-    """What a scene allows."""
+    """Largest sizes that a scene allows."""
 
     n_modes: int  # flexible modes that the mechanism has, bodies of cells condensed
     n_static: int  # load patterns that static modes can answer
@@ -153,7 +153,7 @@ class Limits:
 
     @property
     def last_mode(self) -> str:
-        """What a basis with all modes is told."""
+        """Explanation, in words, of why a basis with all modes cannot have more."""
         if self.n_condensed is not None:
             return f"bodies of cells are condensed for {self.n_condensed} modes; give reduction.modes to have more"
         return "these are all flexible modes that the meshes have; finer ones have more"

@@ -66,7 +66,7 @@ FINER = 4  # by how much the step is refined where the reduction has to be looke
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen."""
+    """The settings that were chosen."""
 
     scene: Scene  # the scene with everything given and without tolerances
     rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere

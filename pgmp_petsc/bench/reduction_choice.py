@@ -78,7 +78,7 @@ class ReductionChoice:
 
     @property
     def price(self) -> str:
-        """What candidates are predicted to take, in words."""
+        """Predicted time of the candidates, in words."""
         return self._prices.text(self._families)
 
     def _take_affordable(self) -> None:
@@ -113,7 +113,7 @@ class ReductionChoice:
 
     @property
     def _left_out(self) -> list[str]:
-        """What was not tried for its price, in words."""
+        """Candidates that were not tried because of their price, in words."""
         return [text for text in (self._too_dear, self._cut_short) if text]
 
     def _is_affordable(self, rung: Rung, grid: dict[str, Any]) -> bool:

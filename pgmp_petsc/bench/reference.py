@@ -112,7 +112,7 @@ class Reference:
 
     @property
     def about(self) -> dict[str, object]:
-        """What files keep of it."""
+        """Entries of it that files keep."""
         return {
             "model": self.model.name,
             "predicted_seconds": self.price.seconds,
@@ -153,7 +153,7 @@ def component_model(
 
 @dataclass(frozen=True)
 class Demand:
-    """What a reference is wanted for."""
+    """Purpose of a reference."""
 
     entry: str  # entry of the scene, or command, that needs it
     steps: float  # steps of all samples and loads together

@@ -1,4 +1,4 @@
-"""What a tolerance that cannot be met is answered: which part of the error stands in the way, with the figures."""
+"""Refusals of tolerances that cannot be met: which part of the error is too large, with the figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: errors and times of many settings, all measured in one run.
+"""The cost of accuracy in time: errors and times of many settings, all measured in one run.
 
 First the reference is chosen: the mesh, or the component model where the mesh is too dear (`bench.reference`).
 Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
@@ -236,7 +236,7 @@ def _times(
 
 @dataclass
 class _Study:
-    """What was measured so far and what comes next; used on the first rank."""
+    """Measurements so far and those that come next; used on the first rank."""
 
     scene: Scene
     sweep: Sweep

@@ -1,4 +1,4 @@
-"""What brings the few coordinates of a condensed body back to its mesh.
+"""Recovery of a condensed body's mesh from its few coordinates.
 
 Products of matrices with many columns, compiled: a column is the same to the last bit whatever stands beside it.
 

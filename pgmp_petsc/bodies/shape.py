@@ -1,4 +1,4 @@
-"""What a body is made from: a mesh, matrices, or what was made of one already, condensed or in a floating frame.
+"""Sources of a body: a mesh, matrices, or a body made already, condensed or in a floating frame.
 
 Meshes of bodies that are straight lines, whose length may be a parameter.
 """

@@ -1,4 +1,4 @@
-"""What is of second order in the deformation of a condensed body, on the ranks that share its mesh.
+"""Terms of second order in the deformation of a condensed body, on the ranks that share its mesh.
 
 Foreshortening: the displacements of second order of a slender body that bends or twists.
 

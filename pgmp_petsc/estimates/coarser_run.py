@@ -1,4 +1,4 @@
-"""What the time step does to a full-order or component run, from a second run of the same system with a coarser step.
+"""Error of the time step in a full-order or component run, from a second run of the system with a coarser step.
 
 A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y``. Three regimes:
 

@@ -41,7 +41,7 @@ N_COLOURS = 256
 
 @dataclass(frozen=True)
 class Portrait:
-    """What is shown of a scene.
+    """Picture and curve of a scene.
 
     Attributes
     ----------

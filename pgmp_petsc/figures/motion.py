@@ -153,7 +153,7 @@ WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacemen
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What is drawn of a body.
+    """Surface or lines drawn of a body.
 
     Attributes
     ----------

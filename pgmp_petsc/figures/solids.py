@@ -314,7 +314,7 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 
 
 class Surround:
-    """What stands around the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
+    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ class FullProblem(NamedTuple):
 
 
 class Strengths(NamedTuple):
-    """What acts at an instant, or at several, one a row: amplitudes of loads and actions, angles (rad) and speeds
+    """Strengths at an instant, or at several, one a row: amplitudes of loads and actions, angles (rad) and speeds
     (rad/s) of the prescribed motions."""
 
     loads: np.ndarray

@@ -60,7 +60,7 @@ from pgmp_petsc.stepping.status import Outcome
 
 
 class Clocks(NamedTuple):
-    """What the lanes of a block do next, and what is kept of the beginning of their steps.
+    """Next steps of the lanes of a block, and values kept of the beginning of their steps.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """What the page shows of a scene; the names are those of the template."""
+    """The page's section on a scene; the names are those of the template."""
 
     name: str
     description: str

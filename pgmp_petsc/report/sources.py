@@ -25,7 +25,7 @@ from pgmp_petsc.runtime.files import RunRecord, open_file
 
 @dataclass(frozen=True)
 class Build:
-    """What a reduced model's file says of its making.
+    """Build of a reduced model, as recorded in its file.
 
     Attributes
     ----------

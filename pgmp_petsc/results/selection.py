@@ -122,7 +122,7 @@ class Attempt(Record):
 
 @dataclass(frozen=True)
 class Selection(Record):
-    """What was chosen."""
+    """The entries that were chosen for the tolerances, and why."""
 
     tolerances: Mapping[str, float] = _mapping("tolerances", "the scene's tolerances")
     allowed: Mapping[str, float] = _mapping("allowed", "what each part of the error may be")

@@ -90,7 +90,7 @@ class Silent(Progress):
 
 
 class _Watched:
-    """What a thread of its own looks at now and then, within a block."""
+    """State that a separate thread looks at now and then, within a block."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()

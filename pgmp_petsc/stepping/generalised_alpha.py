@@ -298,7 +298,7 @@ class GeneralisedAlpha:
 
 @dataclass(frozen=True)
 class Run:
-    """What an integration leaves.
+    """Result of an integration.
 
     Attributes
     ----------
@@ -393,7 +393,7 @@ def integrate(
 
 @dataclass(frozen=True)
 class Attempt:
-    """What is to be integrated, from time 0.
+    """Samples and step of an integration from time 0.
 
     Attributes
     ----------
@@ -415,7 +415,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class RetriedRun:
-    """What became of a batch.
+    """Result of a batch, with repeated attempts.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ STILL = 1e-10  # rad that a torque moves a coordinate within the run: less is no
 
 
 class Statics(Protocol):
-    """What the search asks of a model with held coordinates."""
+    """Interface of a model with held coordinates for the search."""
 
     n_samples: int
 

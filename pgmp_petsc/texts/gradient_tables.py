@@ -1,4 +1,4 @@
-"""What is said of derivatives, fits and designs."""
+"""Texts on derivatives, fits and designs."""
 
 from __future__ import annotations
 
