@@ -102,7 +102,7 @@ class Reference:
     price: Price  # what its runs are predicted to take
     why: str  # which it is and why, in a sentence
     # largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
-    # mesh itself, and where the mesh was too dear for any run
+    # mesh itself, and where the mesh cost too much for any run
     from_mesh: Mapping[str, float]
 
     @property

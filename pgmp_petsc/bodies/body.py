@@ -203,7 +203,7 @@ class Body(ABC):
 
     @property
     def has_long_axis(self) -> bool:
-        """Whether static stretching is told from bending."""
+        """Whether static stretching is distinguished from bending."""
         return True
 
     @property

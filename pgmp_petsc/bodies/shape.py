@@ -43,7 +43,7 @@ def lacks_foreshortening(shape: BodyShape) -> bool:
 
 
 def has_long_axis(shape: BodyShape) -> bool:
-    """Whether static stretching of a body is told from its bending."""
+    """Return whether static stretching of a body is distinguished from its bending."""
     return not isinstance(shape, Component) or shape.large is None or shape.large.slender
 
 

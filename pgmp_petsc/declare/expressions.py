@@ -107,7 +107,7 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
 
 
 def symbolic(text: str, names: Mapping[str, Any]) -> Any:
-    """Return an expression that was checked in sympy's form, with what its names stand for."""
+    """Return an expression that was checked in sympy's form, with the values of its names."""
     import sympy as sp
 
     operations = {

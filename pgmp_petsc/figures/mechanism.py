@@ -1,6 +1,6 @@
 """Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares.
 
-A triangle stands below the ends of bodies that the ground holds.
+A triangle marks the ends of bodies that the ground holds.
 
 The shape of the mechanism at several instants, as a fan of positions coloured by time.
 
@@ -473,7 +473,7 @@ def _extent(note: Annotation) -> tuple[float, float]:
 
 
 def _box_at(note: Annotation, offset: tuple[float, float]) -> Bbox:
-    """Return the box of a text, pixels, whose middle stands at an offset (points) from its place."""
+    """Return the box of a text, pixels, whose middle is at an offset (points) from its place."""
     scale = note.figure.dpi / 72.0
     x, y = note.axes.transData.transform(note.xy)
     width, height = (scale * length for length in _extent(note))

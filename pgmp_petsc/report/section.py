@@ -34,7 +34,7 @@ MOST_FAILED = 20
 
 @dataclass(frozen=True)
 class Table:
-    """A table: its head, rows of sentences, and what stands below it."""
+    """A table: its head, rows of sentences, and the text below it."""
 
     head: list[str]
     rows: list[list[Sentence]]

@@ -231,7 +231,7 @@ class Tradeoff(Result):
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return which points no other one dominates: is at most as dear and at most as wrong, and less of one of them.
+    """Return which points no other one dominates: has at most their cost and error, and less of one of them.
 
     Parameters
     ----------

@@ -235,7 +235,7 @@ class GeneralisedAlpha:
         return numbers[(numbers % self._observer.every == 0) | (numbers == self.instants.size - 1)]
 
     def _stand(self, trail: State, samples: np.ndarray) -> None:
-        """Let some samples stand where they are in all instants of a trail."""
+        """Leave some samples where they are in all instants of a trail."""
         if samples.any() and len(trail.q):
             parts = zip(trail.parts(), self.state.parts())
             here = State(*(np.broadcast_to(part, of_trail.shape) for of_trail, part in parts))
