@@ -79,9 +79,9 @@ OF_HISTORY = "history."  # names of kept arrays that are parts of a history
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found out about a setting at a case; it is sent to the first rank, and kept."""
+    """Measurements of a setting at a case; they are sent to the first rank, and kept."""
 
-    history: History | None  # outputs; None where the setting failed, or its runs were too dear
+    history: History | None  # outputs; None where the setting failed, or its runs cost too much
     n_coordinates: int = 0  # unknowns: reduced, nodal or component coordinates, or nodes of a surface
     cosine: float = 1.0  # smallest cosine between neighbouring spaces of modes; 1 where there are none
     reason: str = ""  # why there is no history; empty where there is one
@@ -402,7 +402,7 @@ class Bench:
 
     @property
     def mechanism(self) -> Mechanism:
-        """What candidates are made of: bodies of cells are condensed."""
+        """The mechanism that candidates are made of: bodies of cells are condensed."""
         return self._subject.kinematics.mechanism
 
     @property

@@ -54,7 +54,7 @@ class Setting:
 
     @property
     def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
-        """What is done before the first sample; settings of a model that differ in the step alone share it."""
+        """Key of the work before the first sample; settings of a model that differ in the step alone share it."""
         steps = self.n_steps if self.nodes else 0
         return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
 

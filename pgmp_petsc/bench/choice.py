@@ -3,7 +3,7 @@
 1. The step, from the full-order model itself (`step_choice`), before anything is reduced. If the tolerance needs a very
    small one, the reduction is chosen with a larger one first, and the search goes on when that was worth while.
 2. The reduction, full-order and reduced model run with the same step (`reduction_choice`): the cheapest basis, at more
-   angles where few stand in the way, and the fewest angles for it.
+   angles where few do not suffice, and the fewest angles for it.
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
@@ -66,7 +66,7 @@ FINER = 4  # by how much the step is refined where the reduction has to be looke
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen."""
+    """The settings that were chosen."""
 
     scene: Scene  # the scene with everything given and without tolerances
     rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere

@@ -30,7 +30,7 @@ OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
 
 @dataclass(frozen=True)
 class History:
-    """What a run of n samples leaves."""
+    """Outputs of a run of n samples, with the status of each."""
 
     n_steps: int  # steps of the run
     every: int  # steps between two kept instants

@@ -102,7 +102,7 @@ class Reference:
     price: Price  # what its runs are predicted to take
     why: str  # which it is and why, in a sentence
     # largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
-    # mesh itself, and where the mesh was too dear for any run
+    # mesh itself, and where the mesh cost too much for any run
     from_mesh: Mapping[str, float]
 
     @property
@@ -112,7 +112,7 @@ class Reference:
 
     @property
     def about(self) -> dict[str, object]:
-        """What files keep of it."""
+        """Entries of it that files keep."""
         return {
             "model": self.model.name,
             "predicted_seconds": self.price.seconds,
@@ -153,7 +153,7 @@ def component_model(
 
 @dataclass(frozen=True)
 class Demand:
-    """What a reference is wanted for."""
+    """Purpose of a reference."""
 
     entry: str  # entry of the scene, or command, that needs it
     steps: float  # steps of all samples and loads together

@@ -192,7 +192,7 @@ class StepChoice:
 
     @property
     def allowed(self) -> dict[str, float]:
-        """What the step's error may be; empty without a tolerance."""
+        """Largest error of the step that is allowed; empty without a tolerance."""
         return {} if self.tolerance is None else {"step": STEP * self.tolerance}
 
     @property

@@ -225,7 +225,7 @@ class AssembledBody:
 
     @property
     def described(self) -> str:
-        """What the body is made of."""
+        """Description of the body, in words."""
         return "assembled matrices"
 
     def stiffness(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:

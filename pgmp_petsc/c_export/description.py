@@ -139,7 +139,7 @@ def description(constants: Constants, version: int, identifier: str, token: str,
     token
         What an importer shows at instantiation.
     sources
-        Files to be compiled; of FMI 3.0 they stand in `build_description`.
+        Files to be compiled; for FMI 3.0 they are in `build_description`.
     """
     step, n_steps = constants.settings["STEP"], constants.settings["N_STEPS"]
     root = Element(

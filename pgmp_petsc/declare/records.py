@@ -152,7 +152,7 @@ def columns_of(place: str, size: str) -> Any:
 
 
 class Context(NamedTuple):
-    """What texts refer to: a record, or None when it is read, words, and the record around it."""
+    """Objects that texts refer to: a record, or None when it is read, words, and the record around it."""
 
     own: Any
     words: dict[str, Any]
@@ -251,7 +251,7 @@ def written(kind: type[Record]) -> tuple[Holding, ...]:
 
 
 class Record:
-    """What can be written into a group of a file, and read again; its sizes are checked when it is made."""
+    """Data that can be written into a group of a file, and read again; its sizes are checked when it is made."""
 
     FURTHER: ClassVar[tuple[Any, ...]] = ()  # what is `derived`
     STORED: ClassVar[type[Record] | None] = None  # the kind of record that files have in its place

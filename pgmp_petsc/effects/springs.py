@@ -167,7 +167,7 @@ def spring_block(
 def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Return the second derivatives of ``gradient . zeta`` in the displacement of a node, shape (n_dofs, n_dofs).
 
-    The frame zeta stands at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
+    The frame zeta is at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
     body's frame. ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm and the directors a.
     """
     d = arm.size
@@ -175,7 +175,7 @@ def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -
     for fixed, part in zip([arm, *np.eye(d)], gradient.reshape(d + 1, d)):
         in_body = rotation[:d, :d].T @ part
         along = 0.5 * (np.outer(fixed, in_body) + np.outer(in_body, fixed))
-        # in the plane phi stands at a right angle to both
+        # in the plane phi is at a right angle to both
         result[d:, d:] += -fixed @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
     return result
 

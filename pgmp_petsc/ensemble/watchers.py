@@ -214,7 +214,7 @@ class _BalanceWatch(Observer):
         together = max(1, TOGETHER // n)
         for first in range(0, times.size, together):
             some = slice(first, first + together)
-            with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
                 energies = self._system.energies_over(times[some], trail[some])
             for k, time in enumerate(times[some]):
                 self._add(float(time), energies[n * k : n * (k + 1)])
@@ -364,7 +364,7 @@ class _OverTimeWatch(Observer):
 
     def _see(self, number: int, time: float, state: State) -> None:
         """Evaluate the outputs in a state."""
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
         self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
 

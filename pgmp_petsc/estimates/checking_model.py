@@ -50,7 +50,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 
 
 class CheckingModel:
-    """What a reduced model is checked against.
+    """The model that a reduced model is checked against.
 
     Parameters
     ----------

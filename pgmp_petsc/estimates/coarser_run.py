@@ -1,4 +1,4 @@
-"""What the time step does to a full-order or component run, from a second run of the same system with a coarser step.
+"""Error of the time step in a full-order or component run, from a second run of the system with a coarser step.
 
 A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y``. Three regimes:
 
@@ -147,7 +147,7 @@ def run_coarser(
     most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far
     while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
-        # steps that half of what is left pays for at the dearest so far; the first are looked at soon
+        # steps that half of the rest allows at the cost of the costliest so far; the first are looked at soon
         affords = 0.5 * (most - spent) / dearest if dearest else 0.0 if np.isfinite(most) else np.inf
         before, begun = spent, stepper.n_done
         stepper.stops = np.array([0, int(min(begun + max(affords, APART), n_steps))])
@@ -196,7 +196,7 @@ class OutputRecord(Observer):
         states, self._waiting = self._waiting, []
         if not states:
             return
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             if self._at_once == 1:
                 self._observed += [self._model.observed(self._system, state) for state in states]
             else:

@@ -193,7 +193,7 @@ class WatchedRun(Observer):
         equilibria = indicator.checking.equilibria(self._values, about)
         if equilibria is not None:
             about &= np.isfinite(equilibria).all(axis=0)
-        # what cannot be placed stands still at the start, and is never advanced
+        # samples that cannot be placed stay at the start and are never advanced
         states[:, :, ~about] = states[:1, :, ~about]
         names = indicator.model.outputs.functions
         largest, at_end, apart = ({name: np.full(n, np.nan) for name in names} for _ in range(3))
@@ -278,7 +278,7 @@ class WatchedRun(Observer):
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
-        # samples that failed stand still at the start: they may be where nothing can be placed
+        # samples that failed stay at the start: they may be where nothing can be placed
         plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
         errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either

@@ -1,8 +1,8 @@
-"""What a reduced model's own error does to a figure: statistics, derivatives, designs and fits.
+"""Effect of a reduced model's own error on a figure: statistics, derivatives, designs and fits.
 
 Errors are estimates e = reduced less full-order (`error_indicator`), so that y - e is what the full-order model would
-have given: of a figure F the model's own part is about ``F(y) - F(y - e)``. From `COMPARABLE` of a figure on it is told
-beside the figure.
+have given: of a figure F the model's own part is about ``F(y) - F(y - e)``. From `COMPARABLE` of a figure on it is
+printed beside the figure.
 """
 
 from __future__ import annotations

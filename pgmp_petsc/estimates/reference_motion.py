@@ -1,4 +1,4 @@
-"""The motion of all unknowns that a reduced run stands for, with its velocities and accelerations.
+"""The motion of all unknowns that a reduced run represents, with its velocities and accelerations.
 
 A reduced state gives the unknowns ``q(eta)`` by back-transformation (`NodalMotion`). The velocities and accelerations
 that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as

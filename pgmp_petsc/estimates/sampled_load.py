@@ -69,7 +69,7 @@ class SampledAmplitude:
         amplitudes = amplitude(times)
         missed = np.cumsum(_impulses(amplitude, times)) - _trapezoids(amplitudes, step)
         middles = (steps[1:-1] + steps[2:]) / 2.0
-        # nothing is evaluated before the first interval ends: it stands for the time from the start
+        # nothing is evaluated before the first interval ends: it represents the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
         self._amplitudes = amplitudes[steps]
         self._amplitudes[1:] += np.diff(ends) / interval

@@ -7,7 +7,7 @@ where these disagree, every step of the run with smaller steps that is followed 
 run's steps do not resolve look slow at these, and even slower at every second one: the two would agree on what is
 wrong.
 
-A run of many steps, or a dear one, is evaluated at longer strides. What is faster than these cannot be foreseen: seen
+A run of many steps, or a costly one, is evaluated at longer strides. What is faster than these cannot be foreseen: seen
 at the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
 drives the mechanism for a long time (aliasing). The strides s and 2 s - 1 have no common factor: a frequency that the
 one takes for constant is not constant for the other. Every interval is a whole number of steps, the same throughout;
@@ -44,10 +44,9 @@ class Schedule:
     ----------
     steps
         Numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the
-        same number of steps, but the first may have less: what is evaluated at its end then stands for a whole
-        interval.
+        same number of steps, but the first may have less: the value at its end then represents a whole interval.
     places
-        Where these stand among the steps that are kept while a run goes on, shape (n_e,).
+        Places of these among the steps that are kept while a run goes on, shape (n_e,).
     told
         Which of these are ends of the run's own steps, shape (n_e,).
     interval

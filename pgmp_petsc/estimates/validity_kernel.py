@@ -1,4 +1,4 @@
-"""What is looked at in every second step of every sample, compiled, LANES samples side by side.
+"""Measures of validity in every second step of every sample, compiled, LANES samples side by side.
 
 At the sampled configuration next to a state, with the weights w of a sample's own parameters and packed lower triangles
 of the stiffness, halved on the diagonal, the elastic energy and the shares by which the stiffness of mode k has changed
@@ -102,7 +102,7 @@ class Weights(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of n samples in lanes, sample k in lane ``k % LANES`` of block ``k // LANES``.
+    """Values kept of n samples in lanes, sample k in lane ``k % LANES`` of block ``k // LANES``.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What acts on a block of full-order samples from outside and between points, compiled: loads and actions.
+"""Forces on a block of full-order samples from outside and between points, compiled: loads and actions.
 
 Samples lie side by side in the last axis (lanes); see `batched_ldl`. The equations are those of `effects.load` and
 `effects.action`.

@@ -135,7 +135,7 @@ class FullProblem(NamedTuple):
 
 
 class Strengths(NamedTuple):
-    """What acts at an instant, or at several, one a row: amplitudes of loads and actions, angles (rad) and speeds
+    """Strengths at an instant, or at several, one a row: amplitudes of loads and actions, angles (rad) and speeds
     (rad/s) of the prescribed motions."""
 
     loads: np.ndarray
@@ -241,7 +241,7 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
     share
         What part of loads and actions acts.
     residual
-        What stands for c, shape (n_constraints, n_lanes), or (0, n_lanes) for c itself.
+        Residual in place of c, shape (n_constraints, n_lanes), or (0, n_lanes) for c itself.
     state
         ``(q, v, a, multipliers, turns)`` of the block. The angles `turns` are those of coordinates and of actions in
         space at the instant before, rad, shape (n_turns, n_lanes); those here are the nearest.
@@ -326,7 +326,7 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
     amplitudes, angles, gains
         As for `evaluate`.
     residual
-        What stands for c, shape (n_blocks, n_constraints, n_lanes), or (n_blocks, 0, n_lanes) for c itself.
+        Residual in place of c, shape (n_blocks, n_constraints, n_lanes), or (n_blocks, 0, n_lanes) for c itself.
     state
         ``(q, v, a, multipliers, turns)``, shapes (n_blocks, n_dofs, n_constraints or n_turns, n_lanes).
     typical_mass

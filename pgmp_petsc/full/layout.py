@@ -83,7 +83,7 @@ class WholeLayout:
 
 
 class RankLayout:
-    """What one rank needs of unknowns and multipliers, in their order.
+    """Unknowns and multipliers that one rank needs, in their order.
 
     Parameters
     ----------

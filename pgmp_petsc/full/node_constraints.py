@@ -205,7 +205,7 @@ def add_constraints(
     driven
         Angles of the motions now, shape (n_motions,), rad.
     residual
-        What stands for c, shape (n, n_lanes), or (0, n_lanes) for c itself.
+        Residual in place of c, shape (n, n_lanes), or (0, n_lanes) for c itself.
     q, multipliers
         Shapes (n_dofs, n_lanes) and (n, n_lanes).
     scale

@@ -104,7 +104,7 @@ class ReferenceType(types.Type):
 
     def __init__(self, parts: types.NamedTuple) -> None:
         self.parts = parts
-        # stands in the name of every function that takes it, several times in the text that LLVM reads
+        # part of the name of every function that takes it, several times in the text that LLVM reads
         super().__init__(name=f"Reference({hashlib.sha256(str(parts).encode()).hexdigest()[:16]})")
 
 
@@ -150,7 +150,7 @@ def _attribute(context: Any, builder: ir.IRBuilder, reference: ReferenceType, ad
 
 
 def _value(context: Any, builder: ir.IRBuilder, of: types.Type, table: ir.Value, first: int) -> ir.Value:
-    """Return what stands in a table from a word on."""
+    """Return the contents of a table from a word on."""
     if isinstance(of, types.BaseTuple):
         parts = []
         for part in of:

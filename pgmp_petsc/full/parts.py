@@ -1,7 +1,7 @@
-"""What full-order equations are made of on one rank: elements and masses that touch its unknowns.
+"""Parts of the full-order equations on one rank: elements and masses that touch its unknowns.
 
 Every function returns a part as compiled functions take it, numbered as all unknowns are, and the rows and columns of
-the entries of the matrix that its ``positions`` stand for.
+the entries of the matrix that its ``positions`` refer to.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pattern = tuple[np.ndarray, np.ndarray]
 
 
 class Share(NamedTuple):
-    """What a rank makes of a mechanism.
+    """A rank's share of a mechanism.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl
 
 
 class Sources:
-    """What changes with time alone.
+    """Strengths that change with time alone.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ class FullSystem(SecondOrderSystem):
             return
         constraints, now = self._equations.constraints, driven(self._sources.motions, time)
         q, v = self.unpack(state.q), self.unpack(state.v)
-        # accelerations are linear in what stands for c: a step's worth of dv is the difference of two
+        # accelerations are linear in the residual in place of c: a step's worth of dv is the difference of two
         rates = self._against(constraints.rates(q, v, now.speed) / step)
         before = self._accelerated(time, state, np.zeros_like(rates), samples, True).a
         moved = state.copy()
@@ -161,7 +161,7 @@ class FullSystem(SecondOrderSystem):
         raise NotImplementedError
 
     def _against(self, rows: np.ndarray) -> np.ndarray:
-        """Lay out what stands for c, of all constraints, (n_constraints, 1 or n_samples)."""
+        """Lay out the residual in place of c, of all constraints, (n_constraints, 1 or n_samples)."""
         raise NotImplementedError
 
     def _correct(

@@ -124,7 +124,7 @@ def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: 
 
 
 class _Room(NamedTuple):
-    """What the work on LANES instants takes place in, arrays of vectors (..., LANES).
+    """Work arrays for LANES instants, arrays of vectors (..., LANES).
 
     Attributes
     ----------

@@ -340,7 +340,7 @@ def _members(mesh: meshio.Mesh, received: str) -> dict[str, list[np.ndarray]]:
 def _set_members(mesh: meshio.Mesh, name: str, blocks: list, received: str) -> list[np.ndarray]:
     """Return the numbers of a cell set's cells within each block, as far as meshio tells them.
 
-    The set of an Abaqus file that stands before some of the cells has fewer entries than there are blocks.
+    The set of an Abaqus file that comes before some of the cells has fewer entries than there are blocks.
     """
     try:
         members = [np.asarray([] if numbers is None else numbers, dtype=int) for numbers in blocks]

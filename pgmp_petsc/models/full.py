@@ -193,7 +193,7 @@ class FullModel:
         Collective on the system's communicator.
         """
         frames = self.frames(system, state)[list(self.outputs.nodes)]
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What simulations and ensembles ask of a model."""
+"""Interface of a model for simulations and ensembles."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class ReducedStatics:
         self._system, self._angles = system, angles
         self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
         self._eta = np.zeros((system.n_samples, system.n_eta))
-        # of the loads, with which a deformation was found last; how far a joint that is not held stands away, rad
+        # of the loads, with which a deformation was found last; how far a joint that is not held is away, rad
         self._share, self._away = np.zeros(system.n_samples), np.zeros(system.n_samples)
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ class ReducedStatics:
             left, failed = self._deform(eta, mu, slopes, active)
             lost = lost | (failed & active)
             away = self._angles.of(eta) - angles
-            # theta may stand still while mu still bends the joint
+            # theta may be at rest while mu still bends the joint
             size = np.maximum(moved_by, np.max(np.abs(away), axis=1))
             active = active & ~lost & ~settled_in(size, last)
             last = size

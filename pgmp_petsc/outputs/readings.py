@@ -1,4 +1,4 @@
-"""What outputs read of frames: a statement about two points, a place, a rotation, or a place from that of the rigid
+"""Readings of frames for outputs: a statement about two points, a place, a rotation, or a place from that of the rigid
 mechanism. Of all but the last there are rates too. The same readings are evaluated here and in models in C
 (`c_export.statements`).
 

@@ -44,7 +44,7 @@ class LocalEffects(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """What the actions on a batch add to its equations of motion; empty where there are none.
+    """Terms that actions add to the equations of motion of a batch; empty where there are none.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the compiled reduced equations take, keep of every block of samples, and work with.
+"""Arrays that the compiled reduced equations take, keep of every block of samples, and work with.
 
 Arrays of vectors have the shape (n, LANES); see `vectors`.
 """
@@ -163,7 +163,7 @@ class Weights(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """What the equations of motion of a batch are made of.
+    """Parts of the equations of motion of a batch.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ class Equations(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What is kept of every block from one evaluation to the next.
+    """Values kept of every block from one evaluation to the next.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class Memory(NamedTuple):
 
 
 class Strengths(NamedTuple):
-    """What acts at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES).
+    """Strengths at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES).
 
     Attributes
     ----------

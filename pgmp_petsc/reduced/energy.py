@@ -153,7 +153,7 @@ def _n_packed(n: int) -> int:
 
 @cache
 def _pairs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows and columns of a packed symmetric matrix, and how often each entry stands in it."""
+    """Return rows and columns of a packed symmetric matrix, and how often each entry occurs in it."""
     i, j = np.tril_indices(n)
     return i, j, np.where(i == j, 1.0, 2.0)
 
@@ -181,7 +181,7 @@ def _cubic_form(entries: np.ndarray, first: int, x: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def _add_cubic_forms(entries, first, x, result):
-    """Add ``T_ijk x_i x_j x_k`` to a result (n,); see `_cubic_form`. An entry stands in a tensor once, three times or,
+    """Add ``T_ijk x_i x_j x_k`` to a result (n,); see `_cubic_form`. An entry occurs in a tensor once, three times or,
     of three different indices, six times."""
     for n in range(x.shape[0]):
         entry = first

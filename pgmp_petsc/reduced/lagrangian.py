@@ -75,7 +75,7 @@ def add_cubic(layout, kept, place, fresh, work, matrix):
             row_j = j * (j + 1) // 2
             part = zeros(place)
             own = load(bent, row_i + j)
-            # entries with equal indices stand apart: they count once, others for each of their orders
+            # entries with equal indices are separate: they count once, others for each of their orders
             for k in range(j):
                 value, slopes = polynomial(kept, at, place)
                 q_k = load(q, r + k)

@@ -60,7 +60,7 @@ from pgmp_petsc.stepping.status import Outcome
 
 
 class Clocks(NamedTuple):
-    """What the lanes of a block do next, and what is kept of the beginning of their steps.
+    """Next steps of the lanes of a block, and values kept of the beginning of their steps.
 
     Attributes
     ----------
@@ -361,7 +361,7 @@ def _predict(equations, scheme, state, clocks, work):
     """Predict the end of a step, with accelerations that are extrapolated linearly, prescribed coordinates where they
     are.
 
-    Lanes that stand predict too: a store of some lanes is read again only when it has reached the cache.
+    Lanes at rest predict too: a store of some lanes is read again only when it has reached the cache.
     """
     step, weight = load(clocks.pace, STEP), 1.0 / (1.0 - scheme[0])
     for i in range(equations.layout.n_eta):

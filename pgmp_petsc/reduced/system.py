@@ -549,7 +549,7 @@ def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class ReducedStrengths:
-    """What acts on all samples of a batch alike.
+    """Strengths that are the same for all samples of a batch.
 
     Parameters
     ----------

@@ -297,7 +297,7 @@ def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
 
 
 def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:
-    """Put the terms (axis 1) of a table where their weights stand among all weights, zeros elsewhere."""
+    """Put the terms (axis 1) of a table where their weights are among all weights, zeros elsewhere."""
     result = np.zeros((len(table), len(weights), table.shape[2]))
     result[:, [weights.index(weight) for weight in own]] = table
     return result

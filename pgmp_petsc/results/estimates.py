@@ -143,7 +143,7 @@ class Balance(Record):
 
     @property
     def residual(self) -> np.ndarray:
-        """What the energies gained that no effect brought, shape (n_t,), J."""
+        """Energy gained that no effect brought, shape (n_t,), J."""
         stored = self.kinetic + self.strain
         return stored - stored[0] - sum(self.work.values(), np.zeros_like(stored))
 

@@ -9,7 +9,7 @@ A run that stopped before its end has a `status` other than 0, the number of the
 then holds the run up to there, and a remark says why.
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three components:
-XDMF can then refer to them as they stand (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
+XDMF can then refer to them as they are (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
 body.
 """
 

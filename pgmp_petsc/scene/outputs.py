@@ -1,4 +1,4 @@
-"""What a scene may say of outputs, and what all else has to know of one. The outputs themselves are in `outputs`.
+"""Entries of outputs in a scene, and what all else has to know of one. The outputs themselves are in `outputs`.
 
 An output is one class: its entries, what it reads of a motion, and what is declared of it here.
 """

@@ -1,4 +1,4 @@
-"""What drives an integration from stop to stop: PETSc's TS, or a plain loop where there is no PETSc.
+"""Drivers of an integration from stop to stop: PETSc's TS, or a plain loop where there is no PETSc.
 
 An integrator advances itself. The driver says when, and with PETSc lets its monitors see the states at the stops; both
 make the same calls in the same order, so that no number depends on which of them it is.
@@ -171,7 +171,7 @@ class PetscDriver:
 
 
 class _Context:
-    """What a TS of type python calls."""
+    """Context of a TS of type python, which calls it."""
 
     def __init__(self, integration: Driven) -> None:
         self._integration = integration

@@ -4,8 +4,8 @@ A step over an edge loses the order of the scheme: the force bends within it. Th
 to the beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from
 there; all others keep their step, so that the samples of a batch meet again at its end.
 
-Samples of the reduced model search by themselves, lane by lane, compiled (`look`). It is told what came of a trial,
-from the beginning of the step or from the edge before, and says of what length the next one is:
+Samples of the reduced model search by themselves, lane by lane, compiled (`look`). It takes the outcome of a trial,
+from the beginning of the step or from the edge before, and returns the length of the next one:
 
     WHOLE      the step itself. Where an edge is crossed in it, the rest of the step is searched
     EARLIEST   next to nothing: is the edge there already?

@@ -240,7 +240,7 @@ class GeneralisedAlpha:
         return numbers[(numbers % self._observer.every == 0) | (numbers == self.instants.size - 1)]
 
     def _stand(self, trail: State, samples: np.ndarray) -> None:
-        """Let some samples stand where they are in all instants of a trail."""
+        """Leave some samples where they are in all instants of a trail."""
         if samples.any() and len(trail.q):
             parts = zip(trail.parts(), self.state.parts())
             here = State(*(np.broadcast_to(part, of_trail.shape) for of_trail, part in parts))
@@ -303,7 +303,7 @@ class GeneralisedAlpha:
 
 @dataclass(frozen=True)
 class Run:
-    """What an integration leaves.
+    """Result of an integration.
 
     Attributes
     ----------
@@ -398,7 +398,7 @@ def integrate(
 
 @dataclass(frozen=True)
 class Attempt:
-    """What is to be integrated, from time 0.
+    """Samples and step of an integration from time 0.
 
     Attributes
     ----------
@@ -420,7 +420,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class RetriedRun:
-    """What became of a batch.
+    """Result of a batch, with repeated attempts.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the integrator asks of a model: a second-order system, its state, and the scheme that ties the two in a step."""
+"""A model as the integrator sees it: a second-order system, its state, and the scheme that ties the two in a step."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Scheme:
 
 
 class SecondOrderSystem:
-    """What the integrator asks of a model; a batch of samples is one system.
+    """Interface of a model for the integrator; a batch of samples is one system.
 
     Samples are numbered 0 to n_samples - 1 whatever the shapes of the state's arrays. What a model does not say is as
     of one without constraints that move, edges and limits of laws, turns, and steps of its own.

@@ -38,7 +38,7 @@ STILL = 1e-10  # rad that a torque moves a coordinate within the run: less is no
 
 
 class Statics(Protocol):
-    """What the search asks of a model with held coordinates."""
+    """Interface of a model with held coordinates for the search."""
 
     n_samples: int
 
@@ -136,7 +136,7 @@ class Search:
     lower, upper
         Range of all coordinates, without bounds for periodic ones, each of shape (n_theta,), rad.
     duration
-        Of the run, s: what does not move within it stands still.
+        Of the run, s: what does not move within it is at rest.
     """
 
     free: tuple[int, ...]
@@ -381,7 +381,7 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
 
 
 def _let_go(scene: Scene) -> str:
-    """Return what is said of coordinates that are held at first: prescribed ones go on as they are told."""
+    """Return the text on coordinates that are held at first: prescribed ones go on as prescribed."""
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     if not driven:
         return ", and lets them go"

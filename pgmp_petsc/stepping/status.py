@@ -1,4 +1,4 @@
-"""What became of a sample."""
+"""Status of a sample at its end."""
 
 from __future__ import annotations
 

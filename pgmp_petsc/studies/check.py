@@ -1,6 +1,6 @@
-"""What a scene is, in words: bodies, unknowns, effects, memory. Solves no eigenproblem.
+"""Summary of a scene, in words: bodies, unknowns, effects, memory. Solves no eigenproblem.
 
-What a scene holds as plain data, for `pgmp check --json`.
+Contents of a scene as plain data, for `pgmp check --json`.
 """
 
 from __future__ import annotations

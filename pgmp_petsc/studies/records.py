@@ -1,4 +1,4 @@
-"""What runs leave: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
+"""Records of runs: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
 and now and then all nodes."""
 
 from __future__ import annotations

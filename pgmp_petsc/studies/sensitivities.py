@@ -109,7 +109,7 @@ def _instants(contacts: Sequence[Contact]) -> Instants | None:
 
 
 def _change(scene: Scene, name: str) -> tuple[float, str]:
-    """Return the change of a parameter that effects are told of, and what it is."""
+    """Return the change of a parameter to which effects refer, and what it is."""
     parameter = scene.parameters[name]
     if parameter.distribution is not None:
         return parameter.deviation, DEVIATION
@@ -144,7 +144,7 @@ def _of_own_error(
 
 
 def _moved(scene: Scene, name: str) -> float:
-    """Return the value of a parameter by which its effects are told further, back from the end of its bounds."""
+    """Return the changed value of a parameter for its effects, back from the end of its bounds."""
     value, change = scene.values[name], _change(scene, name)[0] or SHARE
     bounds = scene.parameters[name].bounds
     return value - change if bounds is not None and value + change > bounds[1] else value + change

@@ -101,7 +101,7 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class _Part:
-    """What one attempt at a run computed, up to its end or its failure."""
+    """Results of one attempt at a run, up to its end or its failure."""
 
     run: Run  # its end. An instant whose state or outputs are no finite numbers is a failure
     attempt: Attempt  # what was integrated

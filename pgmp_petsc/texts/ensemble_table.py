@@ -1,4 +1,4 @@
-"""What is said of ensembles, of parts of them and of rare events: figures and probabilities with their intervals."""
+"""Texts on ensembles, on parts of them and on rare events: figures and probabilities with their intervals."""
 
 from __future__ import annotations
 
