@@ -102,6 +102,50 @@ type = "prescribed_motion"
 coordinate = "theta"
 constant_speed = { speed = 0.0 }
 """
+# a rigid crank, a flexible rod, a slider; a coordinate that is driven, in a range without 0; and a weld
+BASE = """
+[scene]
+name = "base"
+[parameters.p]
+nominal = 1.0
+[parameters.negative]
+nominal = -1.0
+[ground.points]
+wall = [2.0, 0.0]
+[bodies.crank]
+line = { length = 0.3, elements = 2 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+[bodies.rod]
+line = { length = 0.7, elements = 2 }
+element = "beam2d"
+section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 10.0, line_density = 1.0, \
+rotary_density = 1e-4 }
+placement = { origin = [0.3, 0.0] }
+[bodies.block]
+line = { length = 0.1, elements = 1 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+placement = { origin = [1.0, 0.0] }
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "crank:hinge"]
+[joints.elbow]
+type = "revolute"
+connect = ["crank:tip", "rod:hinge"]
+[joints.slider]
+type = "point_on_line"
+connect = ["ground:origin", "rod:tip"]
+direction = [1.0, 0.0]
+[joints.weld]
+type = "fixed"
+connect = ["rod:tip", "block:hinge"]
+[coordinates.theta]
+joint = "hinge"
+range = [-3.0, 3.0]
+"""
 
 
 def scene_of(base: str, text: str = "", *overrides: str) -> Scene:

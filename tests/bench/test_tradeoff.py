@@ -10,7 +10,7 @@ import pytest
 from length_scenes import SMALL, long_crank, numbered
 from mpi4py import MPI
 from runs import full_model, read_meshes, reduced_model
-from test_results import assert_same
+from synthetic import assert_same
 from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.bench.cases import held_out

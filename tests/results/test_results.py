@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -12,31 +11,11 @@ import pytest
 import synthetic
 from every_result import LISTINGS, PARTS, RESULTS, listing
 from sealed import resealed
+from synthetic import assert_same
 
 from pgmp_petsc import results
 from pgmp_petsc.results import Ensemble, Frames, Trajectory
 from pgmp_petsc.runtime.errors import InputError
-
-
-def assert_same(one, other, where: str = "result") -> None:
-    """Compare two results down to every number, and the order of names."""
-    if isinstance(one, Mapping):
-        assert set(one) == set(other), where
-        for name in one:
-            assert_same(one[name], other[name], f"{where}[{name}]")
-        return
-    assert type(one) is type(other), where
-    if is_dataclass(one):
-        for item in fields(one):
-            assert_same(getattr(one, item.name), getattr(other, item.name), f"{where}.{item.name}")
-    elif isinstance(one, tuple):
-        assert len(one) == len(other), where
-        for number, (own, others) in enumerate(zip(one, other)):
-            assert_same(own, others, f"{where}[{number}]")
-    elif isinstance(one, (np.ndarray, float)):
-        np.testing.assert_array_equal(one, other, err_msg=where)
-    else:
-        assert one == other, where
 
 
 @pytest.mark.parametrize("name", RESULTS)

@@ -157,8 +157,8 @@ ENTRIES = [
         f"effects.motor.type = \"torqe\": unknown; did you mean 'torque'? (allowed: {EFFECTS})",
     ),
     (
-        "outputs.a.type='speed'",
-        f'outputs.a.type = "speed": unknown (allowed: {", ".join(OUTPUTS.names)})',
+        "outputs.a.type='pace'",
+        f'outputs.a.type = "pace": unknown (allowed: {", ".join(OUTPUTS.names)})',
     ),
     (
         "bodies.crank.section.shape=1",

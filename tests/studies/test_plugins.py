@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from combinations import _build, _components, _full, meshes_for, scene_of
 from conftest import ROOT
+from effect_scenes import BASE
 from exported import COMPILER, OPTIONS, assert_equal, outputs_of
 from handbook_blocks import blocks_of
 from mpi4py import MPI
-from test_effect_errors import BASE, IN_TURN
+from runs import IN_TURN
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.c_export.source import COMPILED

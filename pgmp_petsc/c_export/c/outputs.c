@@ -109,7 +109,7 @@ static void find_nodes(const double theta[R], const double moved[N_SHAPES], stru
     }
 }
 
-/* Rates of the frames of nodes: differences of fourth order along the motion. */
+/* Add the rates of the frames of nodes: differences of fourth order along the motion. */
 static void find_rates(const struct pgmp_model *m, const double moved[N_SHAPES], const double changes[N_SHAPES],
                        struct frame rates[]) {
     static const double offsets[4] = {-2.0, -1.0, 1.0, 2.0}, shares[4] = {1.0, -8.0, 8.0, -1.0};
@@ -118,7 +118,6 @@ static void find_rates(const struct pgmp_model *m, const double moved[N_SHAPES],
     for (int k = 0; k < R; k++) far = fabs(m->v[k]) > far ? fabs(m->v[k]) : far;
     for (int c = 0; c < N_SHAPES; c++) far = fabs(changes[c]) > far ? fabs(changes[c]) : far;
     far = 2e-3 / far;
-    memset(rates, 0, AT_LEAST_ONE(N_NODES) * sizeof *rates);
     for (int side = 0; side < 4; side++) {
         double h = offsets[side] * far, share = shares[side] / (12.0 * far);
         for (int k = 0; k < R; k++) theta[k] = m->q[k] + h * m->v[k];
@@ -143,6 +142,7 @@ void pgmp_observe(struct pgmp_model *m) {
     }
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
     find_nodes(m->q, moved, nodes);
+    memset(rates, 0, sizeof rates);
     if (READS_RATES) find_rates(m, moved, changes, rates);
     for (int number = 0; number < N_OUTPUTS; number++) {
         const struct output *o = outputs + number;
