@@ -36,7 +36,8 @@ def crooked(kind: str = KIND) -> tuple[np.ndarray, FaceFrame]:
 
 def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTies:
     """Return the tie of a frame whose unknowns come before those of the nodes."""
-    body = SimpleNamespace(face_frames={"faces": frame}, first_node=0, first_internal=N_TIES)
+    faces = {"faces": frame}
+    body = SimpleNamespace(face_frames=faces, first_node=0, first_internal=N_TIES, blocks=lambda kind: ())
     n_dofs = N_TIES + places.size
     return FrameTies(SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES)))
 
