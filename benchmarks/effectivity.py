@@ -38,11 +38,8 @@ from mpi4py import MPI
 
 from benchmarks.tables import Table
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
-from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -50,6 +47,9 @@ from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 
 # whole tables, so that nothing is left of the scene's own

@@ -44,10 +44,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.reduction.cell_products import unpacked
+from pgmp_petsc.stepping.second_order_system import State
 
 SOFT = 0.02  # of xi: below, series take the place of quotients
 CONVERGED = 1e-12  # change of the coordinates by a correction, in units of the mechanism's size or of 1 rad

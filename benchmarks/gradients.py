@@ -17,10 +17,10 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.progress import Silent
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.records import ReducedRecord
 

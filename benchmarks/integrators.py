@@ -34,12 +34,12 @@ from benchmarks.on_model import main
 from benchmarks.tables import Table, number
 from pgmp_petsc.bench.cases import Load
 from pgmp_petsc.bench.history import with_steps
-from pgmp_petsc.dynamics.generalised_alpha import count_steps, instants, integrate
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.stepping.generalised_alpha import count_steps, instants, integrate
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.inputs import read_rom
 
 LOADS = ("ramp", "half sine", "reversal", "sudden step")

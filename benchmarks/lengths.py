@@ -21,8 +21,6 @@ from mpi4py import MPI
 
 from benchmarks.tables import Table
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -31,6 +29,8 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.inputs import read_scene
 
 SCENE = Path(__file__).parents[1] / "scenes" / "slider_crank.toml"

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 
 # what the issue asks for; differences of runs carried to round-off are good to some 1e-8 of the largest value
 RELATIVE = 1e-6

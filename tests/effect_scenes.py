@@ -11,14 +11,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.dynamics.energies import joined
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.energies import joined
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.balance import balance_of
 
 G = 9.81  # m/s2
@@ -101,6 +101,50 @@ periodic = true
 type = "prescribed_motion"
 coordinate = "theta"
 constant_speed = { speed = 0.0 }
+"""
+# a rigid crank, a flexible rod, a slider; a coordinate that is driven, in a range without 0; and a weld
+BASE = """
+[scene]
+name = "base"
+[parameters.p]
+nominal = 1.0
+[parameters.negative]
+nominal = -1.0
+[ground.points]
+wall = [2.0, 0.0]
+[bodies.crank]
+line = { length = 0.3, elements = 2 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+[bodies.rod]
+line = { length = 0.7, elements = 2 }
+element = "beam2d"
+section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 10.0, line_density = 1.0, \
+rotary_density = 1e-4 }
+placement = { origin = [0.3, 0.0] }
+[bodies.block]
+line = { length = 0.1, elements = 1 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+placement = { origin = [1.0, 0.0] }
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "crank:hinge"]
+[joints.elbow]
+type = "revolute"
+connect = ["crank:tip", "rod:hinge"]
+[joints.slider]
+type = "point_on_line"
+connect = ["ground:origin", "rod:tip"]
+direction = [1.0, 0.0]
+[joints.weld]
+type = "fixed"
+connect = ["rod:tip", "block:hinge"]
+[coordinates.theta]
+joint = "hinge"
+range = [-3.0, 3.0]
 """
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.full_kernel import evaluate
-from pgmp_petsc.dynamics.full_problem import FullEquations
-from pgmp_petsc.dynamics.part_reference import Reference
+from pgmp_petsc.full.kernel import evaluate
+from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.full.problem import FullEquations
 
 
 def evaluated(

@@ -14,8 +14,8 @@ import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.source import COMPILED, write_sources
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import Scene, load_scene

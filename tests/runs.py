@@ -14,8 +14,6 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
@@ -23,6 +21,8 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from scenes import HEADER, meshes_of
 
 MOST_ROMS = 40  # that are kept, of some megabytes each

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
@@ -346,3 +347,24 @@ def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True, co
         samples=10_000,
         advice=("For 1 % take the second one:\n--override reduction.modes=7",),
     )
+
+
+def assert_same(one, other, where: str = "result") -> None:
+    """Compare two results down to every number, and the order of names."""
+    if isinstance(one, Mapping):
+        assert set(one) == set(other), where
+        for name in one:
+            assert_same(one[name], other[name], f"{where}[{name}]")
+        return
+    assert type(one) is type(other), where
+    if is_dataclass(one):
+        for item in fields(one):
+            assert_same(getattr(one, item.name), getattr(other, item.name), f"{where}.{item.name}")
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), where
+        for number, (own, others) in enumerate(zip(one, other)):
+            assert_same(own, others, f"{where}[{number}]")
+    elif isinstance(one, (np.ndarray, float)):
+        np.testing.assert_array_equal(one, other, err_msg=where)
+    else:
+        assert one == other, where

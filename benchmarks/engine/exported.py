@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 from benchmarks.engine.floor import compiler
 from benchmarks.on_model import main
-from pgmp_petsc.code.constants import MOST_CORRECTIONS, Constants, constants_of
-from pgmp_petsc.code.source import COMPILED, write_sources
+from pgmp_petsc.c_export.constants import MOST_CORRECTIONS, Constants, constants_of
+from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.simulate import simulate_reduced

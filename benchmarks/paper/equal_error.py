@@ -21,11 +21,11 @@ from mpi4py import MPI
 from benchmarks.paper.cost import FINE, ROMS
 from benchmarks.tables import Table, number
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history, with_steps
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 
 SMALL_ROMS = {5: "rom_small.h5", 40: "rom_small_40_elements.h5"}

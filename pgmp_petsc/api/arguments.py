@@ -1,4 +1,4 @@
-"""What the arguments of the interface may be: checked in one place, by their annotations, before a function begins."""
+"""Checks of the interface's arguments: in one place, by their annotations, before a function begins."""
 
 from __future__ import annotations
 
@@ -91,17 +91,17 @@ def checked(
 ) -> Function:
     """Let a function of the interface, or a method of a result, be called with arguments that its annotations allow.
 
-    Numbers of numpy become Python's, None stands for no overrides.
+    Numbers of numpy become Python's, None means no overrides.
 
     Parameters
     ----------
     function
         The function.
     declared
-        What is said of arguments (`api.declared.Argument`).
+        Declarations of the arguments (`api.declared.Argument`).
     names
-        What a program calls options of the command line, which messages name: no caller is told of words that are not
-        its own.
+        A program's names for options of the command line, which messages use: no caller reads words that are not its
+        own.
 
     Raises
     ------

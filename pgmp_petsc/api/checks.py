@@ -1,4 +1,4 @@
-"""What a scene is, before anything is solved."""
+"""The check of a scene, before anything is solved."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Checked:
 
     @property
     def trial_text(self) -> str:
-        """What the trial found, in words."""
+        """Findings of the trial, in words."""
         if self.trial is None:
             return "  trial         no continuum bodies: nothing to try"
         return describe_trial(self.trial)

@@ -1,4 +1,4 @@
-"""A command is a function and one declaration: what is said, once, of each of its arguments.
+"""A command is a function and one declaration, which describes each of its arguments once.
 
 From it follow the function's checks and docstring, click's command, ``--json`` and docs/commands.md. Commands are found
 by the heads of the modules in this room (`api.found`), which are read and not imported: a command is one more file, or
@@ -7,9 +7,8 @@ one more function in a file of its kin::
     @command("merge", "Join the shards of an ensemble.", 80, report=report, files=Argument("Shards, in any order."))
     def merge(files: Sequence[str | PathLike[str]], *, output: ... = None, on_all_ranks: ..., comm: ...) -> Result:
 
-In meanings and in the function's description an argument stands in backticks: help of the command line has its option
-there.
-"""
+In meanings and in the function's description an argument is in backticks: help of the command line has its option
+there."""
 
 from __future__ import annotations
 
@@ -29,7 +28,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Argument:
-    """What is said of an argument of a function; of `parts` the same of a field.
+    """Declaration of an argument of a function; `parts` declare its fields in the same way.
 
     Attributes
     ----------
@@ -39,7 +38,7 @@ class Argument:
         Words of a command line that give it, such as ``-o --output``: by default two dashes and its name, or none where
         the function must have it, which is then given by its place.
     word
-        What stands there for the value; its name in capitals where nothing is said.
+        Placeholder of the value in help; by default its name in capitals.
     allowed
         Range of a number, names to choose from, or how a message says what may be given.
     required
@@ -47,13 +46,13 @@ class Argument:
     read
         Makes the value of a text, or of all texts of an option that may be repeated.
     flags
-        Options without a value in place of one with a value: meanings by the values that they stand for.
+        Options without a value in place of one with a value: meanings by the values that they give.
     made, parts
-        The class of which it is an object, and what is said of its fields, which are options each.
+        The class of which it is an object, and the declarations of its fields, each of which is an option.
     listed
         Returns names that it may be, with a line about each.
     empty
-        What the option stands for without a value.
+        Value of the option where it is given without one.
     needs, why
         Another argument without which this one has no part, and the reason.
     name, kinds, default
@@ -145,7 +144,7 @@ class Command:
     Attributes
     ----------
     name, help, place
-        Its name, one line, and where it stands in lists.
+        Its name, one line of help, and its place in lists.
     function, others
         What it calls, and what it calls instead where `choose` says so.
     petsc
@@ -180,7 +179,7 @@ class Command:
 
     @property
     def arguments(self) -> dict[str, Argument]:
-        """What may be given on a command line, by name."""
+        """Arguments that a command line may give, by name."""
         found = dict(self.function.declared)
         for function in self.others:
             found |= {name: one for name, one in function.declared.items() if name not in found and not one.by_place}
@@ -208,7 +207,7 @@ class Command:
 
     @property
     def description(self) -> str:
-        """What it does, in paragraphs."""
+        """Description of the command, in paragraphs."""
         return self.spelled(_paragraphs(self.function.described))
 
 

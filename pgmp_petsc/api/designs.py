@@ -23,7 +23,8 @@ from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit as fitted
 from pgmp_petsc.studies.goals import read_constraint, read_goal
 from pgmp_petsc.studies.measured_history import read_history
-from pgmp_petsc.studies.optimization import designed_parameters, optimize as designed
+from pgmp_petsc.studies.optimization import designed_parameters
+from pgmp_petsc.studies.optimization import optimize as designed
 from pgmp_petsc.texts.gradient_tables import report_of_design, report_of_fit
 
 if TYPE_CHECKING:

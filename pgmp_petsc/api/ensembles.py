@@ -34,7 +34,8 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble, report_of_rare_event, report_of_shard
+from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
+from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
 
 
 PER_SAMPLE = Argument(
-    "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.", word="N",
+    "With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
+    word="N",
     allowed=Range(1),
 )
 NUMBER = Argument(

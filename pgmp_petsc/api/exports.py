@@ -14,9 +14,9 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
-from pgmp_petsc.code.constants import CORRECTIONS, MOST_CORRECTIONS, checked_scene, constants_of, left_out, tunable
-from pgmp_petsc.code.fmu import VERSIONS, write_fmu
-from pgmp_petsc.code.source import write_sources
+from pgmp_petsc.c_export.constants import CORRECTIONS, MOST_CORRECTIONS, checked_scene, constants_of, left_out, tunable
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.runtime.errors import InputError

@@ -77,7 +77,7 @@ class DataSet(NamedTuple):
 
 @dataclass(frozen=True)
 class Contents:
-    """What is in a result file.
+    """Contents of a result file.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
 
 @dataclass(frozen=True)
 class Done:
-    """What a run left.
+    """Results of a run.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ class _Job:
         return headline_of_comparison(self._of(RUN), better)
 
     def _better(self) -> Reference | None:
-        """Return the model to compare with; None, after saying why, where the mesh is too dear for component runs."""
+        """Return the model to compare with; None, after saying why, where the mesh is too costly for component runs."""
         comm, demand = self.comm, Demand(
             "compare", self.n_steps, "all runs", "or shorten simulation.duration", self.scene.reduction.modes
         )  # fmt: skip

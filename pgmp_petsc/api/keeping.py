@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Keeper:
-    """What becomes of a result.
+    """Destination of a result: its file, its picture, and the ranks that get it.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Keeper:
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
 
-        Its remarks are told, but for those that were `said` before.
+        Its remarks are printed, except those in `said`, which were printed before.
 
         Raises
         ------

@@ -55,7 +55,11 @@ def frequencies(
 
 
 @command(
-    "build", "Build the reduced model of a scene (offline).", 40, report=report_of_build, scene=SCENE,
+    "build",
+    "Build the reduced model of a scene (offline).",
+    40,
+    report=report_of_build,
+    scene=SCENE,
     gives="With the attributes of `reduction.rom.ReducedOrderModel`.",
 )
 def build(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.runtime.errors import Remark
 
 #: Gets what commands print on the way: what was chosen, and why (level INFO); remarks on results (level WARNING).
-#: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where one is told.
+#: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where there is one.
 LOGGER = logging.getLogger("pgmp_petsc")
 ABOUT, WAY, SCENE, RESULT, REMARK = "pgmp_about", "way", "scene", "result", "pgmp_remark"
 # of this process: whether a call, or who called, has seen to the start and to what is held at the end

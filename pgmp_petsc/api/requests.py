@@ -71,12 +71,12 @@ class Correction:
 
     @property
     def name(self) -> str:
-        """What results call it."""
+        """Name of the model in results."""
         return self.model if self.divisor == 1 else f"{self.model}/{self.divisor}"
 
     @property
     def text(self) -> str:
-        """What asks for it on a command line."""
+        """Words of a command line that ask for it."""
         ahead = "" if self.scene is None else f"{fspath(self.scene)}:"
         return f"{ahead}{self.name}={'auto' if self.n is None else self.n}"
 
@@ -282,7 +282,7 @@ class Request:
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """What it changes of the scene."""
+        """Entries of the scene that it changes."""
         return drawn_by(self.sampler)
 
     @property

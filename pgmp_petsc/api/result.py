@@ -92,7 +92,7 @@ class Result:
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What its reader has to know: warnings, and notes on what is absent."""
+        """Remarks for its reader: warnings, and notes on what is absent."""
         return self.record.remarks
 
     @property

@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 
 @command(
-    "simulate", "One run over time, reduced or full-order.", 60, report=report_of_run, source=SOURCE,
+    "simulate",
+    "One run over time, reduced or full-order.",
+    60,
+    report=report_of_run,
+    source=SOURCE,
     gives="With the attributes of `results.Trajectory`.",
 )
 def simulate(

@@ -29,8 +29,7 @@ PAGES = (".md", ".markdown")
 
 @interface(path=Argument("A file as docs/extending.md shows it."))
 def use(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> None:
-    """Take the ideas that a Python file declares, effects and outputs, which scenes may name from then on. Collective on
-    `comm`.
+    """Take the ideas that a Python file declares, which scenes may name from then on. Collective on `comm`.
 
     Every rank runs the file. One that is in use already is left as it is; one that has changed is read again.
 
@@ -89,9 +88,7 @@ def _templates() -> dict[str, str]:
     force=Argument("Replace files that exist."),
     gives="What was written.",
 )  # fmt: skip
-def new(
-    template: str, file: str | PathLike[str], *, force: bool = False, comm: MPI.Comm | None = None
-) -> list[Path]:
+def new(template: str, file: str | PathLike[str], *, force: bool = False, comm: MPI.Comm | None = None) -> list[Path]:
     """Write the commented scene `template` to `file`, and its mesh beside it where it has one.
 
     It runs as it is: pgmp run `file`

@@ -1,4 +1,4 @@
-"""What a call runs: a reduced model or a scene that a program holds, or the file of one."""
+"""Sources of a call: a reduced model or a scene that a program holds, or the file of one."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Origin:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name of the source in messages."""
         if isinstance(self.source, (str, PathLike)):
             return str(self.source)
         return "the reduced model" if isinstance(self.source, Rom) else "the scene"

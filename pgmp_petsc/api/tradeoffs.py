@@ -1,4 +1,4 @@
-"""What accuracy costs in time, for a scene."""
+"""The cost of accuracy in time, for a scene."""
 
 from __future__ import annotations
 

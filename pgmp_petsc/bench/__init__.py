@@ -6,6 +6,6 @@ up what an earlier run of the program has finished (`finished`). There is one er
 (`bench.Bench.seconds`), and one reference that says how far it may be off itself (`reference`).
 
 Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates`, `reduction_choice` and
-`step_choice`; `refusal` says what stands in the way), and what accuracy costs in time (`tradeoff`, from the settings of
+`step_choice`; `refusal` says what prevents one), and what accuracy costs in time (`tradeoff`, from the settings of
 `sweep`, with `advice`). Begin with `cases` and `bench`.
 """

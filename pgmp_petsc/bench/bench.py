@@ -41,9 +41,6 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.alpha_step import n_first_steps
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -57,6 +54,9 @@ from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.stepping.alpha_step import n_first_steps
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -79,9 +79,9 @@ OF_HISTORY = "history."  # names of kept arrays that are parts of a history
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found out about a setting at a case; it is sent to the first rank, and kept."""
+    """Measurements of a setting at a case; they are sent to the first rank, and kept."""
 
-    history: History | None  # outputs; None where the setting failed, or its runs were too dear
+    history: History | None  # outputs; None where the setting failed, or its runs cost too much
     n_coordinates: int = 0  # unknowns: reduced, nodal or component coordinates, or nodes of a surface
     cosine: float = 1.0  # smallest cosine between neighbouring spaces of modes; 1 where there are none
     reason: str = ""  # why there is no history; empty where there is one
@@ -402,7 +402,7 @@ class Bench:
 
     @property
     def mechanism(self) -> Mechanism:
-        """What candidates are made of: bodies of cells are condensed."""
+        """The mechanism that candidates are made of: bodies of cells are condensed."""
         return self._subject.kinematics.mechanism
 
     @property

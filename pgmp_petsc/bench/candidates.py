@@ -7,7 +7,7 @@ where a parameter is uncertain) and without them; all with static modes where lo
 work of many others. Static stretching holds for larger deflections, but leaves out the vibrations that stretch bodies:
 where the deformation is small beside them, dynamic stretching goes further.
 
-What candidates are predicted to take, from their sizes alone, and those that are too dear to be tried.
+Times of candidates, predicted from their sizes alone, and candidates that are too costly to be tried.
 
 To build a basis of m flexible coordinates takes an eigenproblem at every configuration, others for modes at other
 parameter values, and with terms of second order a static answer for each of the ``m (m + 1) / 2`` pairs; their tables
@@ -44,7 +44,7 @@ MOST_BYTES = 2**30  # that its tables may have
 
 @dataclass(frozen=True)
 class CandidatePrices:
-    """What is common to all candidates."""
+    """Figures common to all candidates."""
 
     n_unknowns: int  # of the mechanism, bodies of cells condensed
     # n_terms, n_coordinates: affine terms, and rigid coordinates
@@ -79,12 +79,11 @@ class CandidatePrices:
         return 8.0 * n * entries
 
     def within(self, rung: Rung, budget: float) -> bool:
-        """Return whether a candidate is not too dear; see `affordable`."""
+        """Return whether a candidate is within the budget; see `affordable`."""
         return self.seconds(rung) <= SHARE * budget and self.bytes(rung) <= MOST_BYTES
 
     def affordable(self, families: Sequence[list[Rung]], budget: float) -> tuple[list[list[Rung]], str]:
-        """Return of every family the rungs that are not too dear for a budget, s, the cheapest in any case, and what is
-        left out."""
+        """Return the rungs of every family within a budget, s, the cheapest in any case, and a text on the others."""
         kept, dear = [], []
         for family in families:
             fine = [rung for rung in family if self.within(rung, budget)]
@@ -98,7 +97,7 @@ class CandidatePrices:
         return kept, f"{what}: {self.dear(least, budget)}, or give reduction.modes"
 
     def dear(self, rung: Rung, budget: float) -> str:
-        """Say what a candidate is predicted to take that is too dear, and the cure."""
+        """Return the predicted time and memory of a candidate beyond the budget, and the cure, in words."""
         return (
             f"to build and run such a basis is predicted to take {duration_text(self.seconds(rung))} of processor time "
             f"and {self.bytes(rung) / 1e6:.0f} MB; allowed are {SHARE:g} of reference.budget = {budget:g} s and "
@@ -106,7 +105,7 @@ class CandidatePrices:
         )
 
     def text(self, families: Sequence[Sequence[Rung]]) -> str:
-        """Say how many candidates there are and what the dearest is predicted to take."""
+        """Return the number of candidates and their predicted times, in words."""
         rungs = [rung for family in families for rung in family]
         dearest = duration_text(max(map(self.seconds, rungs)))
         return (
@@ -129,7 +128,7 @@ SCHEMES = {1: ("spectral", "spline"), 2: ("spline",)}
 
 @dataclass(frozen=True)
 class Limits:
-    """What a scene allows."""
+    """Largest sizes that a scene allows."""
 
     n_modes: int  # flexible modes that the mechanism has, bodies of cells condensed
     n_static: int  # load patterns that static modes can answer
@@ -153,7 +152,7 @@ class Limits:
 
     @property
     def last_mode(self) -> str:
-        """What a basis with all modes is told."""
+        """Explanation, in words, of why a basis with all modes cannot have more."""
         if self.n_condensed is not None:
             return f"bodies of cells are condensed for {self.n_condensed} modes; give reduction.modes to have more"
         return "these are all flexible modes that the meshes have; finer ones have more"

@@ -24,12 +24,12 @@ from typing import Any, Self
 import numpy as np
 from scipy.stats import qmc
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 OWN = "own"  # name of the scene's own loads
 PULSE = 1.6
@@ -54,7 +54,7 @@ class Setting:
 
     @property
     def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
-        """What is done before the first sample; settings of a model that differ in the step alone share it."""
+        """Key of the work before the first sample; settings of a model that differ in the step alone share it."""
         steps = self.n_steps if self.nodes else 0
         return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
 

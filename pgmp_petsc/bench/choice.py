@@ -3,7 +3,7 @@
 1. The step, from the full-order model itself (`step_choice`), before anything is reduced. If the tolerance needs a very
    small one, the reduction is chosen with a larger one first, and the search goes on when that was worth while.
 2. The reduction, full-order and reduced model run with the same step (`reduction_choice`): the cheapest basis, at more
-   angles where few stand in the way, and the fewest angles for it.
+   angles where few do not suffice, and the fewest angles for it.
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
@@ -43,7 +43,6 @@ from pgmp_petsc.bench.step_choice import (
     first_steps,
 )
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
@@ -54,6 +53,7 @@ from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     import h5py
@@ -66,7 +66,7 @@ FINER = 4  # by how much the step is refined where the reduction has to be looke
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen."""
+    """The settings that were chosen."""
 
     scene: Scene  # the scene with everything given and without tolerances
     rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere
@@ -255,7 +255,7 @@ def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     if apart and apart[worst] > SPARE * tolerance:
         return [
             f"the tolerance holds against the reference, which is itself {apart[worst]:.2g} away from the mesh in "
-            f'{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold '
+            f"{worst}, more than {SPARE:g} of the tolerance: against the mesh it may not hold "
             '(reference.model = "mesh")'
         ]
     if errors is None:

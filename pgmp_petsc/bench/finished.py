@@ -1,9 +1,9 @@
-"""What of an experiment is finished: results of its tasks in a folder beside its file, for a run that is resumed.
+"""Finished parts of an experiment: results of its tasks in a folder beside its file, for a run that is resumed.
 
 Every rank writes what it has finished; all ranks read what is there when a run is resumed, with any number of them
 (`runtime.checkpoint_folder`). A task is known by its description, so that the order of tasks has no part in it.
 
-What runs of a model take, predicted from its size alone before anything is run.
+Times of a model's runs, predicted from its size alone before anything is run.
 
 Times are processor times of a step of one sample, on a common processor of 2023. They follow from the numbers of
 unknowns and from constants that were measured (`python -m benchmarks.prices` measures them again), so that every rank,
@@ -64,17 +64,7 @@ class Finished:
     resume
         Whether to take up what is there.
 
-    Attributes
-    ----------
-    remarks
-        What was found and not taken up.
-
-    Raises
-    ------
-    InputError
-        If what is there belongs to another run.
-    RunError
-        If a rank cannot read what the first one can.
+    `remarks` are of files that were found and not taken up. Raises as `reduction.build_checkpoint.BuildCheckpoint`.
     """
 
     def __init__(
@@ -132,7 +122,7 @@ LOCAL_EFFECT = 1.5e-5  # s, of a step of a sample, Newton corrections included
 
 @dataclass(frozen=True)
 class Price:
-    """What some runs are predicted to take."""
+    """Predicted time of some runs."""
 
     step: float  # processor time of a step of a sample, s
     steps: float  # steps of all samples together

@@ -10,15 +10,15 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
 
 AnyModel = FullModel | ReducedModel
 
@@ -30,7 +30,7 @@ OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
 
 @dataclass(frozen=True)
 class History:
-    """What a run of n samples leaves."""
+    """Outputs of a run of n samples, with the status of each."""
 
     n_steps: int  # steps of the run
     every: int  # steps between two kept instants

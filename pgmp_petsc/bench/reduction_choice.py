@@ -1,5 +1,5 @@
-"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where those stand in the way, and
-the fewest angles for it."""
+"""The reduction for a tolerance: the cheapest basis at few angles, at more of them where few do not suffice, and the
+fewest angles for it."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ class ReductionChoice:
 
     @property
     def price(self) -> str:
-        """What candidates are predicted to take, in words."""
+        """Predicted time of the candidates, in words."""
         return self._prices.text(self._families)
 
     def _take_affordable(self) -> None:
-        """Leave out what is too dear with twice the present angles, which tell whether these are enough."""
+        """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
         self._prices = CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
@@ -113,7 +113,7 @@ class ReductionChoice:
 
     @property
     def _left_out(self) -> list[str]:
-        """What was not tried for its price, in words."""
+        """Candidates that were not tried because of their price, in words."""
         return [text for text in (self._too_dear, self._cut_short) if text]
 
     def _is_affordable(self, rung: Rung, grid: dict[str, Any]) -> bool:
@@ -292,7 +292,7 @@ class ReductionChoice:
         return static and entries["second_order"] and entries["stretching"] == "dynamic"
 
     def _refuse(self, best: Rung) -> NoReturn:
-        """Say what stands in the way of the best rung that was looked at, which is not good enough."""
+        """Raise an error that says why the best rung that was tried is not good enough."""
         if not self._trial(best).built:
             raise RunError(self._trial(best).reason)
         while (trial := self._bench.go_on(self._trial(best))) is not self._trial(best):

@@ -35,7 +35,6 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.components.floating_frames import floating_shapes
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -47,6 +46,7 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -102,7 +102,7 @@ class Reference:
     price: Price  # what its runs are predicted to take
     why: str  # which it is and why, in a sentence
     # largest difference from the mesh of every output, a share of its largest value over time, by name; empty for the
-    # mesh itself, and where the mesh was too dear for any run
+    # mesh itself, and where the mesh cost too much for any run
     from_mesh: Mapping[str, float]
 
     @property
@@ -112,7 +112,7 @@ class Reference:
 
     @property
     def about(self) -> dict[str, object]:
-        """What files keep of it."""
+        """Entries of it that files keep."""
         return {
             "model": self.model.name,
             "predicted_seconds": self.price.seconds,
@@ -153,7 +153,7 @@ def component_model(
 
 @dataclass(frozen=True)
 class Demand:
-    """What a reference is wanted for."""
+    """Purpose of a reference."""
 
     entry: str  # entry of the scene, or command, that needs it
     steps: float  # steps of all samples and loads together

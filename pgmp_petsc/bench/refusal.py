@@ -1,4 +1,4 @@
-"""What a tolerance that cannot be met is answered: which part of the error stands in the way, with the figures."""
+"""Refusals of tolerances that cannot be met: which part of the error is too large, with the figures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def refuse(
 ) -> NoReturn:
     """Raise an `InputError` with the best that every part reached, its allowed error, and further lines.
 
-    `part` is what stands in the way of the tolerance, which is that of an entry.
+    `part` is the part of the error that exceeds its share of the tolerance, which is that of an entry.
     """
     lines = [f"{entry} = {tolerance:g}: cannot be met, {PARTS[part]} stands in the way"]
     extra = {attempt.part: None for attempt in ledger.attempts if attempt.part not in allowed}
@@ -200,6 +200,6 @@ def _effects(names: Sequence[str]) -> str:
 
 
 def kept_text(kept: Mapping[str, Any]) -> str:
-    """Say which entries of the scene did not stand for choice."""
+    """Return which entries the scene gave itself, so that they were not chosen, in words."""
     given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
     return f"kept as given: {given}; leave them out to have them chosen"

@@ -33,11 +33,11 @@ from pgmp_petsc.bench.errors import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.finished import Price
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.bench.refusal import ZERO, refuse
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -192,7 +192,7 @@ class StepChoice:
 
     @property
     def allowed(self) -> dict[str, float]:
-        """What the step's error may be; empty without a tolerance."""
+        """Largest error of the step that is allowed; empty without a tolerance."""
         return {} if self.tolerance is None else {"step": STEP * self.tolerance}
 
     @property

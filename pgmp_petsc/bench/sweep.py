@@ -1,8 +1,8 @@
 """Which settings the trade-off study measures: lines through two settings, and a small tensor.
 
 The first lines go through the scene's own setting, and a tensor of modes, static modes and steps lies where few angles
-and splines are. The best reduced settings of these give the second lines. What is best is told by errors and by the
-number of operations, never by measured times: the settings are the same in every run.
+and splines are. The best reduced settings of these give the second lines. The best ones follow from errors and the
+number of operations, never from measured times: the settings are the same in every run.
 
 Response surfaces: outputs over time as functions of the parameters, interpolated between full-order runs.
 

@@ -1,6 +1,6 @@
-"""What accuracy costs in time: errors and times of many settings, all measured in one run.
+"""The cost of accuracy in time: errors and times of many settings, all measured in one run.
 
-First the reference is chosen: the mesh, or the component model where the mesh is too dear (`bench.reference`).
+First the reference is chosen: the mesh, or the component model where the mesh is too costly (`bench.reference`).
 Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
 through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
 times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
@@ -196,9 +196,7 @@ def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 
-def _work(
-    bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm
-) -> dict[Setting, Measured] | None:
+def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm) -> dict[Setting, Measured] | None:
     """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
     own: dict[Setting, Measured] = {}
     settings = [setting for task in dealt[comm.rank] for setting in task]
@@ -238,7 +236,7 @@ def _times(
 
 @dataclass
 class _Study:
-    """What was measured so far and what comes next; used on the first rank."""
+    """Measurements so far and those that come next; used on the first rank."""
 
     scene: Scene
     sweep: Sweep
@@ -314,7 +312,7 @@ class _Study:
                 sequence.add(run.n_steps, measured.history)
 
     def result(self, record: RunRecord, units: dict[str, str], times: Mapping[Setting, np.ndarray]) -> Tradeoff:
-        """Put everything together; the settings stand in the order in which they were asked for, whoever had them."""
+        """Put everything together; the settings are in the order in which they were asked for, on any rank."""
         settings = self._asked
         errors = np.array([self._errors(setting) for setting in settings])
         seconds = np.array([times.get(setting, np.full((3, 2), np.nan)) for setting in settings])

@@ -11,7 +11,7 @@ so that moments at the nodes are those of the equilibrium of the element, exact 
 every element has a value of its own.
 
 Strains are those of `beam2d` and `beam3d`, in space in the axes of the element, (gamma_1, gamma_2, gamma_3, kappa_1,
-kappa_2, kappa_3), in the plane (eps, gamma, kappa); behind them stands the shear in the middle of the element. Rigid
+kappa_2, kappa_3), in the plane (eps, gamma, kappa); then follows the shear in the middle of the element. Rigid
 motion does not change them.
 """
 

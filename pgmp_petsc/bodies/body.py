@@ -42,7 +42,7 @@ Entries = tuple[np.ndarray, np.ndarray, dict[Monomial, np.ndarray]]  # rows, col
 
 @dataclass(frozen=True)
 class LumpedMass:
-    """What remains of a node's own mass (kg) and moment of inertia (kg m2) when their weight is taken out."""
+    """Rest of a node's own mass (kg) and moment of inertia (kg m2) when their weight is taken out."""
 
     mass: float
     inertia: float
@@ -203,7 +203,7 @@ class Body(ABC):
 
     @property
     def has_long_axis(self) -> bool:
-        """Whether static stretching is told from bending."""
+        """Whether static stretching is distinguished from bending."""
         return True
 
     @property
@@ -213,7 +213,7 @@ class Body(ABC):
 
     @property
     def drawn(self) -> SolidMesh | LineMesh | None:
-        """What pictures show; None where it is not known."""
+        """Mesh that pictures show; None where it is not known."""
         return self.shape
 
     @property
@@ -223,7 +223,7 @@ class Body(ABC):
 
     @property
     def described(self) -> str:
-        """What the body is made of, in words: nodes and cells."""
+        """Description of the body, in words: nodes and cells."""
         n = len(self.mesh.cells)
         length = self.mesh.lengths.sum()
         return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {length:.6g} m"

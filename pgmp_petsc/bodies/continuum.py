@@ -14,7 +14,7 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Cells(NamedTuple):
-    """What cells have in their reference places.
+    """Geometry of cells in their reference places.
 
     Attributes
     ----------

@@ -17,7 +17,8 @@ from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Body as BodyEntry, Material
+from pgmp_petsc.scene.bodies import Body as BodyEntry
+from pgmp_petsc.scene.bodies import Material
 from pgmp_petsc.scene.effect_checks import points_used
 from pgmp_petsc.scene.messages import toml_text
 

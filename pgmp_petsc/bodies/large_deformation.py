@@ -1,4 +1,4 @@
-"""What is of second order in the deformation of a body of continuum elements, for a few displacement fields.
+"""Terms of second order in the deformation of a body of continuum elements, for a few displacement fields.
 
 The strain energy of `elasticity` is a polynomial of fourth degree in the displacements. With E' = sym grad u and
 E''[u, v] = sym(grad u^T grad v) its third derivative at rest is, for fields u, v, w of a body,

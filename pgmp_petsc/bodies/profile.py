@@ -1,4 +1,4 @@
-"""What varies over a body: factors of its cells' matrices, affine in parameters.
+"""Quantities that vary over a body: factors of its cells' matrices, affine in parameters.
 
 A constant of a uniform body, such as E A, has in cell e the factor
 

@@ -1,6 +1,6 @@
-"""What brings the few coordinates of a condensed body back to its mesh.
+"""Recovery of a condensed body's mesh from its few coordinates.
 
-Products of matrices with many columns, compiled: a column is the same to the last bit whatever stands beside it.
+Products of matrices with many columns, compiled: a column is the same to the last bit whatever the others are.
 
 A sample's stress then depends neither on the batch that it is in nor on the number of ranks; a library's products
 choose their order of summation by the number of columns.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The displacements that a condensed body's coordinates stand for.
+    """The displacements that a condensed body's coordinates describe.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a body is made from: a mesh, matrices, or what was made of one already, condensed or in a floating frame.
+"""Sources of a body: a mesh, matrices, or a body made already, condensed or in a floating frame.
 
 Meshes of bodies that are straight lines, whose length may be a parameter.
 """
@@ -43,7 +43,7 @@ def lacks_foreshortening(shape: BodyShape) -> bool:
 
 
 def has_long_axis(shape: BodyShape) -> bool:
-    """Whether static stretching of a body is told from its bending."""
+    """Return whether static stretching of a body is distinguished from its bending."""
     return not isinstance(shape, Component) or shape.large is None or shape.large.slender
 
 

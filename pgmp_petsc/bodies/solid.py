@@ -119,7 +119,7 @@ class Solid:
 
     @property
     def described(self) -> str:
-        """What the body is made of."""
+        """Description of the body, in words: cells and volume."""
         return f"{self.mesh.n_cells} {self.mesh.kind}, {self.volume:.6g} m{self.mesh.dimension}"
 
     @property

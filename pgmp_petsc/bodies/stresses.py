@@ -183,7 +183,7 @@ class BodyStresses(ABC):
     @property
     @abstractmethod
     def law(self) -> SolidLaw | BeamLaw:
-        """What makes stresses of strains."""
+        """Law that gives stresses from strains."""
 
     @abstractmethod
     def everywhere(self) -> Strains:
@@ -296,7 +296,7 @@ class BeamStresses(BodyStresses):
 
 
 class Recovered:
-    """What a body hands out that has a few coordinates for its mesh; see `bodies.body.Body`."""
+    """Interface of a body that has a few coordinates for its mesh; see `bodies.body.Body`."""
 
     name: str
     #: What brings it back to its mesh, where that is known.

@@ -199,7 +199,9 @@ class Declared(click.Command):
         parameters = [one for argument in command.arguments.values() for one in _parameters(argument, command)]
         words = [one for one in parameters if isinstance(one, click.Argument)]
         options = [one for one in parameters if isinstance(one, click.Option)]
-        options.append(click.Option(["--plugin", "plugins"], multiple=True, metavar="FILE.py", type=PathName(), help=PLUGIN))
+        options.append(
+            click.Option(["--plugin", "plugins"], multiple=True, metavar="FILE.py", type=PathName(), help=PLUGIN)
+        )
         if command.has_figures:
             options.append(_of_session("--json", JSON, take_json))
         options.append(_of_session("--quiet", QUIET, take_quiet))

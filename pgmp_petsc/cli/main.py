@@ -36,6 +36,8 @@ GRACE_SECONDS = 20.0
 
 COMMANDS = found_commands()
 
+QUIET = {"--quiet", "--help", "--version"}  # of whose work nothing is to be said
+
 
 @click.group(cls=LazyGroup, lazy=COMMANDS, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...")
 @click.version_option(__version__, prog_name="pgmp")
@@ -90,7 +92,7 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
     """
     comm = session.comm
     try:
-        with beating(comm, "--quiet" in arguments), _standard_output(comm) as output:
+        with beating(comm, not arguments or not QUIET.isdisjoint(arguments)), _standard_output(comm) as output:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
         # a reader of the output that has gone (`pgmp ... | head`) wants no more of it; the files are written
         if output is not None and output.failure is not None and not isinstance(output.failure, BrokenPipeError):

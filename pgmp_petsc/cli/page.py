@@ -1,6 +1,6 @@
 """docs/commands.md: all commands with their options, as they are declared.
 
-    python -m pgmp_petsc.cli.page > docs/commands.md
+python -m pgmp_petsc.cli.page > docs/commands.md
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Component modes: the few displacement fields that stand for a continuum body, whatever its frames are joined to.
+"""Component modes: the few displacement fields that represent a continuum body, whatever its frames are joined to.
 
 The bodies of a mechanism are coupled by the frames of their joints alone. At an eigenvalue lambda of the mechanism a
 body therefore moves either in an elastic mode of its own that no frame feels, or as its interface answers,

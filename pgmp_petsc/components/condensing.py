@@ -191,7 +191,7 @@ BESIDE = 1.4  # of the memory of the trial: what the count and vectors take, mea
 
 @dataclass(frozen=True)
 class Trial:
-    """What one body took, and what all are expected to take.
+    """Time and memory that one body took, and those that all are expected to take.
 
     Attributes
     ----------

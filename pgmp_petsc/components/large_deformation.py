@@ -1,10 +1,10 @@
-"""What is of second order in the deformation of a condensed body, on the ranks that share its mesh.
+"""Terms of second order in the deformation of a condensed body, on the ranks that share its mesh.
 
 Foreshortening: the displacements of second order of a slender body that bends or twists.
 
 A body that bends becomes shorter. Left to the amplitudes that stretch the body, this would stiffen the bending, and a
 model of second order would need these amplitudes with all their inertia and a cubic strain energy that has no lower
-bound. Instead the body follows it at once (`stretching = "static"`): amplitudes xi stand for displacements
+bound. Instead the body follows it at once (`stretching = "static"`): amplitudes xi represent displacements
 ``Psi (xi + 1/2 xi^T c xi)``, and
 
     c_ij = -S K^-1 W3[B e_i, B e_j, .],    S = s^2 (3 - 2 s),    s = K^-1 K_s,    B = 1 - S,

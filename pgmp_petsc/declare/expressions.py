@@ -29,7 +29,7 @@ HIGHEST_POWER = 4  # that is printed as a product
 
 
 class Printed:
-    """What is declared by expressions and printed: it has a `name`, a `place` (file and line) and its `code`.
+    """Declaration by expressions that is printed: it has a `name`, a `place` (file and line) and its `code`.
 
     What a plugin declares is printed when the plugin is loaded, so that one which cannot be is refused there.
     """
@@ -107,7 +107,7 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
 
 
 def symbolic(text: str, names: Mapping[str, Any]) -> Any:
-    """Return an expression that was checked in sympy's form, with what its names stand for."""
+    """Return an expression that was checked in sympy's form, with the values of its names."""
     import sympy as sp
 
     operations = {

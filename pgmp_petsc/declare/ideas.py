@@ -103,7 +103,9 @@ class Family:
         other = self.classes.get(names[0])
         if other is not None:
             file, line = place_of(other)
-            raise refuse(cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; choose another name")
+            raise refuse(
+                cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; choose another name"
+            )
         self.classes[names[0]] = cls
         if not cls.__module__.startswith(PACKAGE):
             IN_USE[self.group, names[0]] = _plugin(cls)

@@ -89,7 +89,8 @@ def array(*sizes: str | int, default: Any = MISSING, **how: Any) -> Any:
     how
         ``unit``, ``about``, ``at``: see the module. ``also``: further places of an attribute. ``gaps``: whether numbers
         may be missing (NaN), which may depend on the name. ``absent``: what a file without it means, which is damaged
-        if not given; it may depend on what was read before. ``when``: of which records it is written. ``code``: how a value is encoded and decoded.
+        if not given; it may depend on what was read before. ``when``: of which records it is written. ``code``: how a
+        value is encoded and decoded.
         ``stored``: type of the numbers in the file. ``allowed``: its values. ``part``: it is this column of the array
         at its place, or this entry of the JSON objects there. ``padded``: number of columns in the file, filled with
         zeros. ``each``: a dataset for each entry along the first axis, and the word for such an entry. ``columns``: the
@@ -151,7 +152,7 @@ def columns_of(place: str, size: str) -> Any:
 
 
 class Context(NamedTuple):
-    """What texts refer to: a record, or None when it is read, words, and the record around it."""
+    """Objects that texts refer to: a record, or None when it is read, words, and the record around it."""
 
     own: Any
     words: dict[str, Any]
@@ -250,7 +251,7 @@ def written(kind: type[Record]) -> tuple[Holding, ...]:
 
 
 class Record:
-    """What can be written into a group of a file, and read again; its sizes are checked when it is made."""
+    """Data that can be written into a group of a file, and read again; its sizes are checked when it is made."""
 
     FURTHER: ClassVar[tuple[Any, ...]] = ()  # what is `derived`
     STORED: ClassVar[type[Record] | None] = None  # the kind of record that files have in its place
@@ -286,7 +287,12 @@ class Record:
         taken: dict[str, Any] = {}
         for one in declared(cls):
             taken[one.name] = _Reader(cls, group, taken).take(one, dict(words or {}), one.place, one.depth)
-        return cls(**taken)
+        try:
+            return cls(**taken)
+        except ValueError as error:
+            if group.name == "/":
+                raise
+            raise ValueError(f"{error} (in '{group.name}')") from error
 
     @classmethod
     def found_in(cls, group: h5py.Group) -> Self | None:

@@ -64,7 +64,7 @@ _PLACEHOLDERS = _Placeholders()
 
 
 class Row(NamedTuple):
-    """What files of a kind of record may have at a place: sizes, unit and meaning of an array or attribute, whether
+    """One place in files of a kind of record: sizes, unit and meaning of an array or attribute, whether
     numbers may be missing, and whether it follows from the others."""
 
     place: str

@@ -17,6 +17,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 
+
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     """Return the effects that a scene names and that act by forces, in its order, and what holds coordinates at first.
 
@@ -25,9 +26,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     InputError
         If an effect names a point that its body's mesh does not have.
     """
-    named = [
-        entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"
-    ]
+    named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
 

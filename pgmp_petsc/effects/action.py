@@ -65,7 +65,8 @@ class Action:
         if len(self.parameters) != len(self.law.parameters):
             maker = sys._getframe(2)
             raise InputError(
-                f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: law {self.law.name} ({self.law.place}) has the parameters "
+                f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: law "
+                f"{self.law.name} ({self.law.place}) has the parameters "
                 f"{', '.join(self.law.parameters)}, and is given {len(self.parameters)}; give one for each"
             )
 

@@ -6,7 +6,7 @@ with the elastic modes of the free body at the nominal parameters. Rigid motions
 damped. The rotation R of a beam is the mass-weighted mean of those of its nodes, in space the rotation closest to the
 mean of their directors. That of a body on a mesh is the one that brings the places of its points closest to where they
 are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass). The forces are
-those of `dynamics.full_modal`.
+those of `full.damping`.
 
 The amplitudes of a body in a floating frame are those of its elastic modes at the nominal parameters, the first ones
 exact: each is damped by itself, ``2 zeta_i omega_i m_i xi_i'``, and the frame is R.
@@ -132,9 +132,7 @@ class StructuralDamping(EffectEntry):
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
         """Yield more damping than the critical one."""
-        found = [
-            (body, frequencies[body]) for body in self.bodies or scene.bodies if frequencies.get(body, 0.0) > 0.0
-        ]
+        found = [(body, frequencies[body]) for body in self.bodies or scene.bodies if frequencies.get(body, 0.0) > 0.0]
         if not found:
             return
         body, bending = min(found, key=lambda pair: pair[1])
@@ -334,4 +332,3 @@ def free_modes(
         order = np.argsort(squares)
         squares, vectors = squares[order], vectors[:, order]
     return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:], mass
-

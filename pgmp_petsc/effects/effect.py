@@ -1,4 +1,4 @@
-"""What the models know of an effect.
+"""Effects as the models see them.
 
 An effect contributes what its kind calls for, and nothing else:
 

@@ -1,4 +1,4 @@
-"""What moves in a joint: its rotation about its axis, or the displacement along its line.
+"""The motion in a joint: its rotation about its axis, or the displacement along its line.
 
 End stops of a joint: one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time.
 

@@ -66,7 +66,7 @@ class Half(EffectEntry):
 
     @property
     def adds(self) -> str:
-        """What the reduced model gets."""
+        """Terms that the reduced model gets, in words."""
         return "tables of second order in the reduced model"
 
 
@@ -94,4 +94,3 @@ class ModeInertia(Half):
 
     type: Literal["mode_inertia"]
     other_half = "geometric_stiffening"
-

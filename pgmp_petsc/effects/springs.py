@@ -51,7 +51,8 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.joints import are_parallel
-from pgmp_petsc.scene.messages import Finding, doubt, named, problem, refusal as impossible
+from pgmp_petsc.scene.messages import Finding, doubt, named, problem
+from pgmp_petsc.scene.messages import refusal as impossible
 from pgmp_petsc.scene.numerics import Reduction
 
 #: Rotations that a bushing resists, and what a scene moves in.
@@ -84,9 +85,7 @@ def left_out(actions: Sequence[Action]) -> dict[str, str]:
     """Return why actions are not in the stiffness, by the name of their effect; sources are loads, and not named."""
     springs = {action.effect for action in actions if action.stiffness}
     return {
-        action.effect: action.law.left_out
-        for action in actions
-        if action.law.left_out and action.effect not in springs
+        action.effect: action.law.left_out for action in actions if action.law.left_out and action.effect not in springs
     }
 
 
@@ -168,7 +167,7 @@ def spring_block(
 def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Return the second derivatives of ``gradient . zeta`` in the displacement of a node, shape (n_dofs, n_dofs).
 
-    The frame zeta stands at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
+    The frame zeta is at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
     body's frame. ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm and the directors a.
     """
     d = arm.size
@@ -176,7 +175,7 @@ def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -
     for fixed, part in zip([arm, *np.eye(d)], gradient.reshape(d + 1, d)):
         in_body = rotation[:d, :d].T @ part
         along = 0.5 * (np.outer(fixed, in_body) + np.outer(in_body, fixed))
-        # in the plane phi stands at a right angle to both
+        # in the plane phi is at a right angle to both
         result[d:, d:] += -fixed @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
     return result
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.checkpoint import Columns
 from pgmp_petsc.ensemble.plan import Plan
@@ -18,6 +17,7 @@ from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.stepping.status import Status
 
 
 @dataclass(frozen=True)

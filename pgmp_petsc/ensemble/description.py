@@ -10,9 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps, instants
-from pgmp_petsc.dynamics.static_equilibrium import starts_remarks
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Kept
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
@@ -31,8 +28,8 @@ from pgmp_petsc.ensemble.statistics import (
 )
 from pgmp_petsc.ensemble.stopping import level_of_each
 from pgmp_petsc.ensemble.watchers import band_steps
-from pgmp_petsc.indicator.coarser_run import FEWEST_STEPS
-from pgmp_petsc.indicator.coverage import (
+from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS
+from pgmp_petsc.estimates.coverage import (
     absence_of_estimates,
     few_steps,
     large_errors,
@@ -42,8 +39,8 @@ from pgmp_petsc.indicator.coverage import (
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.indicator.own_error import of_statistics
-from pgmp_petsc.indicator.validity import remarks_of
+from pgmp_petsc.estimates.own_error import of_statistics
+from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
@@ -53,6 +50,9 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.stepping.generalised_alpha import count_steps, instants
+from pgmp_petsc.stepping.static_equilibrium import starts_remarks
+from pgmp_petsc.stepping.status import Status
 
 OVER_TIME = ("extremes", "first_passages")
 FEWEST_OF_TAIL = 50  # values
@@ -135,7 +135,7 @@ def describe_ensemble(
         *_estimate_remarks(origin, estimates, status, peaks),
         *of_statistics(
             (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
-            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
+            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model,
         ),
     )  # fmt: skip
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed

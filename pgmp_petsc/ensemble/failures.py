@@ -6,9 +6,8 @@ parameters tell failed samples from fine ones: the test of Mann and Whitney (194
 distance from the median for both ends or the middle.
 
 A second try takes over the samples that are fine as they are, and integrates the others with the scene's step and,
-where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8 (`dynamics.generalised_alpha`):
-the file is what one run with so many attempts gives.
-"""
+where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8
+(`stepping.generalised_alpha`): the file is what one run with so many attempts gives. """
 
 from __future__ import annotations
 
@@ -18,8 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import DIVISORS, RETRIED
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -27,6 +24,8 @@ from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED
+from pgmp_petsc.stepping.status import Status
 
 SIGNIFICANT = 0.01  # for all parameters and sides together
 NAMED = 3  # parameters, the clearest first

@@ -177,7 +177,7 @@ def chosen_density(
     Parameters
     ----------
     points, weights
-        Points of the event, shape (m, d), and how many each stands for, shape (m,); two points at least.
+        Points of the event, shape (m, d), and how many each represents, shape (m,); two points at least.
     random
         Which points try the densities that others make.
     families

@@ -13,17 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.drivers import check_ts_options
-from pgmp_petsc.dynamics.generalised_alpha import (
-    DIVISORS,
-    Attempt,
-    Run,
-    Together,
-    integrate,
-    integrate_with_smaller_steps,
-)
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
@@ -39,7 +28,7 @@ from pgmp_petsc.ensemble.watchers import (
     ValidityWatcher,
     Watcher,
 )
-from pgmp_petsc.indicator.error_indicator import indicator_of
+from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.groups import Pulse, RankGroup, deal_to_groups
@@ -47,6 +36,17 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.stepping.drivers import check_ts_options
+from pgmp_petsc.stepping.generalised_alpha import (
+    DIVISORS,
+    Attempt,
+    Run,
+    Together,
+    integrate,
+    integrate_with_smaller_steps,
+)
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -42,10 +42,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from pgmp_petsc.ensemble.integration import Integration

@@ -22,14 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.indicator.coverage import is_estimated
-from pgmp_petsc.indicator.schedule import FINER, most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.estimates.coverage import is_estimated
+from pgmp_petsc.estimates.schedule import FINER, most_evaluations, price_of_evaluation, schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
 MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits

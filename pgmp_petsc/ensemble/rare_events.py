@@ -523,7 +523,7 @@ class _Chains:
                 own = np.exp(log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
                 centres, known, alike, values = inside, own, None, g_inside
-                if own.sum() < ENOUGH:  # chains stand in for what is missing
+                if own.sum() < ENOUGH:  # chains supply what is missing
                     parts = (inside, own, len(points) + np.arange(len(inside)), g_inside), of_chains
                     centres, known, alike, values = (np.concatenate(part) for part in zip(*parts))
                     known[len(inside) :] *= ENOUGH - own.sum()

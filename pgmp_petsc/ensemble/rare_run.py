@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
-from pgmp_petsc.dynamics.drivers import check_ts_options
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
@@ -24,8 +23,8 @@ from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, values_of
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
+from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
@@ -39,6 +38,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.stepping.drivers import check_ts_options
 
 if TYPE_CHECKING:
     from mpi4py import MPI

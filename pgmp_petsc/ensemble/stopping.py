@@ -47,7 +47,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
@@ -56,6 +55,7 @@ from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, wa
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
     from mpi4py import MPI

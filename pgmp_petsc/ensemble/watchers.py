@@ -16,17 +16,17 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.energies import Energies, RunningBalance
-from pgmp_petsc.dynamics.generalised_alpha import Observer, Run, count_steps
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import OutputRecord, run_coarser, step_errors
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
-from pgmp_petsc.indicator.validity import Validity
+from pgmp_petsc.estimates.coarser_run import OutputRecord, run_coarser, step_errors
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, WatchedRun, WatchedSamples
+from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
+from pgmp_petsc.stepping.energies import Energies, RunningBalance
+from pgmp_petsc.stepping.generalised_alpha import Observer, Run, count_steps
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
 Found = dict[str, dict[str, np.ndarray]]
@@ -214,7 +214,7 @@ class _BalanceWatch(Observer):
         together = max(1, TOGETHER // n)
         for first in range(0, times.size, together):
             some = slice(first, first + together)
-            with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
                 energies = self._system.energies_over(times[some], trail[some])
             for k, time in enumerate(times[some]):
                 self._add(float(time), energies[n * k : n * (k + 1)])
@@ -364,7 +364,7 @@ class _OverTimeWatch(Observer):
 
     def _see(self, number: int, time: float, state: State) -> None:
         """Evaluate the outputs in a state."""
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
         self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
 

@@ -1,4 +1,4 @@
-"""What stands above pictures: what tells results apart, and what their reader has to know besides.
+"""Captions above pictures: how results differ, and what their reader has to know besides.
 
 Results belong together where their scenes have one name and the same bodies, joints and coordinates. What may differ
 within that is said: ``r1 = 5 mm``, ``simulation.step = 0.001``, ``without effects.weight``, ``reduced``, and the name

@@ -17,12 +17,15 @@ from pgmp_petsc.figures.ensembles import (
     bands,
     densities,
     joined,
-    labels_of as densities_labels,
     rare_event,
     sobol,
     stopping,
 )
-from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps, labels_of as tables_labels
+from pgmp_petsc.figures.ensembles import (
+    labels_of as densities_labels,
+)
+from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
+from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name

@@ -62,7 +62,7 @@ def densities(
     The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in as
     many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples, as
     in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
-    first ensemble's mean. Above each panel stand mean and standard deviation, each with its confidence interval in
+    first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
     brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
     peak.
 

@@ -41,7 +41,7 @@ N_COLOURS = 256
 
 @dataclass(frozen=True)
 class Portrait:
-    """What is shown of a scene.
+    """Picture and curve of a scene.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Portrait:
     exaggeration
         Factor on the deformation of the shapes.
     until
-        Instant (s) at which the last shape stands; None for the end of the run. The curve shows all of it.
+        Instant (s) of the last shape; None for the end of the run. The curve shows all of it.
     n_instants
         Number of shapes.
     """

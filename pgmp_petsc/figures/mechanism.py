@@ -1,6 +1,6 @@
 """Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares.
 
-A triangle stands below the ends of bodies that the ground holds.
+A triangle marks the ends of bodies that the ground holds.
 
 The shape of the mechanism at several instants, as a fan of positions coloured by time.
 
@@ -110,7 +110,7 @@ class Shapes:
 
     @property
     def axis_names(self) -> tuple[str, str]:
-        """What the axes of the picture show."""
+        """Names of the picture's axes."""
         if not self.oblique:
             return "x", "y"
         x, y = (f"{name} \N{MINUS SIGN} {abs(share):g} z" for name, share in zip("xy", OBLIQUE[2]))
@@ -304,7 +304,7 @@ ON_LABEL, ON_LINE = 1000.0, 40.0  # what a place costs that hides another label,
 
 @dataclass
 class _Label:
-    """What is written at a place: its coordinates, names of joints, names of points."""
+    """Label of a place: its coordinates, names of joints, names of points."""
 
     place: np.ndarray
     joints: list[str]
@@ -313,7 +313,7 @@ class _Label:
 
 @dataclass
 class _Hidden:
-    """What labels should not hide: points (n, 2) along bodies and leaders, boxes of labels; all in pixels."""
+    """Things that labels should not hide: points (n, 2) along bodies and leaders, boxes of labels; all in pixels."""
 
     lines: np.ndarray
     labels: list[Bbox]
@@ -473,7 +473,7 @@ def _extent(note: Annotation) -> tuple[float, float]:
 
 
 def _box_at(note: Annotation, offset: tuple[float, float]) -> Bbox:
-    """Return the box of a text, pixels, whose middle stands at an offset (points) from its place."""
+    """Return the box of a text, pixels, whose middle is at an offset (points) from its place."""
     scale = note.figure.dpi / 72.0
     x, y = note.axes.transData.transform(note.xy)
     width, height = (scale * length for length in _extent(note))

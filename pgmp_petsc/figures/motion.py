@@ -108,7 +108,7 @@ def normals(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def coarsened(
     nodes: np.ndarray, triangles: np.ndarray, weights: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes that stand for all others of a surface, and its triangles between these.
+    """Return the nodes that represent all others of a surface, and its triangles between these.
 
     Nodes in the same cube become one, that of the largest weight among them (Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes, 1993).
@@ -153,7 +153,7 @@ WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacemen
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What is drawn of a body.
+    """Surface or lines drawn of a body.
 
     Attributes
     ----------

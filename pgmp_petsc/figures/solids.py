@@ -1,4 +1,4 @@
-"""Bodies drawn in space, without a screen: pyvista and VTK make the picture, matplotlib what stands around it.
+"""Bodies drawn in space, without a screen: pyvista and VTK make the picture, matplotlib draws its surround.
 
 Both are imported when something is drawn. Where there is no display, VTK draws by EGL or OSMesa.
 
@@ -314,7 +314,7 @@ def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np
 
 
 class Surround:
-    """What stands around the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
+    """Surround of the bodies: title, notes, bar of the colours, bar of the scale, and the instant.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ class Surround:
         )
 
     def around(self, picture: np.ndarray, caption: str) -> np.ndarray:
-        """Return a picture of the bodies with all that stands around it, as bytes of shape (height, width, 3)."""
+        """Return a picture of the bodies with its surround, as bytes of shape (height, width, 3)."""
         self._caption.set_text(caption)
         self.figure.canvas.draw()
         whole = np.asarray(self.figure.canvas.buffer_rgba())[:, :, :3].copy()

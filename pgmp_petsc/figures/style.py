@@ -142,7 +142,7 @@ def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:
 
 
 class PlainNumbers(Formatter):
-    """Numbers on an axis without a common factor or offset, which would stand in the way of what is written above.
+    """Numbers on an axis without a common factor or offset, which would cover the text above.
 
     They have six digits, or as many as tell one tick from the next.
     """

@@ -30,7 +30,7 @@ SURFACE_COLOUR = PALETTE[3]
 SECOND_ORDER_COLOUR = PALETTE[2]
 COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
-RIGHT = 0.6  # share of an axis beyond which labels stand to the left of their points
+RIGHT = 0.6  # share of an axis beyond which labels are to the left of their points
 # Names of the keys, in their order, and of those whose points are connected the line.
 KINDS = (
     "the scene as it is", "reduced", "static modes", "second order", "second order, static modes",

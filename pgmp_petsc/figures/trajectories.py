@@ -148,7 +148,7 @@ def trajectories(
 ) -> Figure:
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
-    A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel
+    A single run is a line, with a band where its errors were estimated; without any pair there is no panel
     of errors. A full-order run that several reduced ones share is grey. A square ends a run that ended before its
     scene.
 
@@ -200,7 +200,7 @@ def trajectories(
 
 
 def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
-    """Return every run once, and what it is called in notes: with its model where another one stands beside it."""
+    """Return every run once, and what it is called in notes: with its model where another one is beside it."""
     shared, names = _shared(comparisons), {}
     for comparison, label in zip(comparisons, labels):
         for run in comparison.runs:

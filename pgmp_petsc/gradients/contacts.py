@@ -24,12 +24,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import AlphaStep
-from pgmp_petsc.dynamics.edge_search import EventLocation, Part, Place as Moment
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.stepping.alpha_step import AlphaStep
+from pgmp_petsc.stepping.edge_search import EventLocation, Part
+from pgmp_petsc.stepping.edge_search import Place as Moment
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
 RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step

@@ -1,6 +1,6 @@
 """Runs of the reduced model with the derivatives of their outputs.
 
-Forward sensitivities through the steps of the generalised-alpha scheme (`dynamics.generalised_alpha`); compiled.
+Forward sensitivities through the steps of the generalised-alpha scheme (`stepping.generalised_alpha`); compiled.
 
 The scheme is differentiated as it stands. With S_q, S_v, S_a, S_A the derivatives of coordinates, velocities,
 accelerations and auxiliary accelerations with a parameter, hats for their prediction with ``S_a_hat = S_a`` of the
@@ -34,8 +34,8 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
 for (`RigidKinematics.near`). Stresses and rates have central differences along the whole line. Where outputs are
-polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``.
-"""
+polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
+dL_p/dl y_p``. """
 
 from __future__ import annotations
 
@@ -44,9 +44,6 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Attempt, Observer, Run, integrate, integrate_with_smaller_steps
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.models import LengthLanes, ReducedModel
@@ -54,6 +51,9 @@ from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.uses import velocity_names
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Observer, Run, integrate, integrate_with_smaller_steps
+from pgmp_petsc.stepping.second_order_system import Scheme, State
+from pgmp_petsc.stepping.status import Status
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
@@ -411,7 +411,9 @@ class _Member:
     def __init__(self, model: ReducedModel, values: Mapping[str, float], states: State) -> None:
         self._model, self._values, self._states = model, values, states
         frames, self._along = model.reconstruction.along(states.q)
-        observed = model.observed_of(states.q, values, states.v)
+        stresses = np.empty((0, len(states.q))) if model.stresses is None else model.stresses.of(states.q, values)
+        rates = model.reconstruction.rates(states.q, states.v) if model.outputs.n_rates else None
+        observed = model.outputs.observed(frames, stresses, rates)
         self._behind = observed[frames.shape[0] * frames.shape[1] :]
         # the loops that this closes serve all evaluations next to it
         self._evaluate = model.outputs.near(observed)

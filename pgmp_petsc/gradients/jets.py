@@ -1,6 +1,6 @@
 """Weighted tables of the reduced model with their first and second derivatives at LANES places of a cell; compiled.
 
-In a cell every entry of a table is a polynomial of the place (`dynamics.reduced_arrays.Tables`). With the weights w of
+In a cell every entry of a table is a polynomial of the place (`reduced.arrays.Tables`). With the weights w of
 one sample, or their derivatives with a parameter, in place of those of all terms,
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),

@@ -1,6 +1,6 @@
 """Residual of the reduced Lagrangian and its exact derivatives, of LANES states at once; compiled.
 
-The equations are those of `dynamics.reduced_lagrangian`, written with the whole mass matrix, w = delta', and a sum over
+The equations are those of `reduced.lagrangian`, written with the whole mass matrix, w = delta', and a sum over
 equal indices::
 
     Mass_kl = M_kl + 2 b_kl.delta - delta^T c_kl delta,    Mass_kd = M_kd - A_k delta,    Mass_dd = M_dd

@@ -20,15 +20,15 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.dynamics.reduced_arrays import Layout
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
 from pgmp_petsc.gradients.lagrangian import fill_columns, fill_matrices, fill_residual, fill_tangents, take_up
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: 
 
 
 class _Room(NamedTuple):
-    """What the work on LANES instants takes place in, arrays of vectors (..., LANES).
+    """Work arrays for LANES instants, arrays of vectors (..., LANES).
 
     Attributes
     ----------

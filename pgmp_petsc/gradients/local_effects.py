@@ -1,7 +1,7 @@
 """Derivatives of what local effects add to the equations of motion of one sample, along its run.
 
 An action (`effects.action`) with the measure s of two frames adds ``- F(s, s', p) g`` with ``g = d s/d eta``, as the
-engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, k = -dF/ds and c = -dF/ds'
+engine evaluates it (`reduced.action_kernel`), so that with ``H = d g/d eta``, k = -dF/ds and c = -dF/ds'
 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
@@ -19,16 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_frames import KeptPlaces, place_nodes
-from pgmp_petsc.dynamics.action_kernel import MEASURE, RATE, allocate_local, attach, project
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
+from pgmp_petsc.reduced.action_kernel import MEASURE, RATE, allocate_local, attach, project
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
 from pgmp_petsc.runtime.vectors import LANES, add, load, same_in_all_lanes, spread, store
+from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
 ALONG_LENGTH = 1e-3  # of half the range of a length: truncation leaves 1e-12 of it, rounding 1e-13

@@ -41,7 +41,7 @@ class Attachment:
 
     @property
     def space(self) -> Space:
-        """What it moves in."""
+        """Space that it moves in."""
         return space_of(len(self.point))
 
     @property

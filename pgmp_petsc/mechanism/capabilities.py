@@ -1,4 +1,4 @@
-"""What each feature needs: of the bodies, of the number of coordinates, and of the command; compared in one place.
+"""Needs of each feature: of the bodies, of the number of coordinates, and of the command; compared in one place.
 
 A feature is declared once, in `FEATURES`: the entries of a scene that ask for it, the commands that it is made for, and
 the kinds of mechanism that it takes. Every command passes `check_capabilities` where it gets its scene
@@ -25,7 +25,7 @@ SECONDS, SECONDS_PER_UNKNOWN = 6e-3, 1.6e-5
 
 
 class Purpose(Enum):
-    """What a scene is read for; the value is what messages call it."""
+    """Purpose for which a scene is read; the value is its name in messages."""
 
     CHECK = "pgmp check"
     SIZES = "pgmp check --effects"

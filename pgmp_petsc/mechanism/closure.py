@@ -253,7 +253,7 @@ def described(mechanism: Mechanism, theta: np.ndarray) -> str:
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
 
-    Where J has full column rank that is R^-1 Q^T; the singular values, ten times as dear, are for the rest.
+    Where J has full column rank that is R^-1 Q^T; the singular values, at ten times the cost, are for the rest.
     """
     if jacobian.shape[1] >= jacobian.shape[2]:
         q, r = np.linalg.qr(jacobian)

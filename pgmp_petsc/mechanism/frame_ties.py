@@ -1,4 +1,4 @@
-"""What ties the frames that hold a body to it: to faces of its mesh, or to a floating frame and its deformation.
+"""Ties between a body and the frames that hold it: to faces of its mesh, or to a floating frame and its deformation.
 
 The frame of a group of faces has their mean position and mean rotation, see `bodies.face_frame`.
 
@@ -65,7 +65,7 @@ class Products(NamedTuple):
 
 
 class Arms(NamedTuple):
-    """What is a constant times a component of a director in the plane, ``f d``; fields as those of `Products`."""
+    """Terms ``f d``, a constant times a component of a director in the plane; fields as those of `Products`."""
 
     rows: np.ndarray
     frames: np.ndarray

@@ -1,4 +1,4 @@
-"""What joints hold: statements about two frames that are to be zero, and the connections that they make."""
+"""Constraints of joints: statements about two frames that are to be zero, and the connections that they make."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class Mechanism:
 
     @property
     def space(self) -> Space:
-        """What the mechanism moves in."""
+        """Space that the mechanism moves in."""
         return space_of(self.scene.dimension)
 
     @cached_property

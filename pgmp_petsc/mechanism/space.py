@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.statements import Statement
 
 
 class Space:
-    """What mechanisms move in.
+    """Space that mechanisms move in.
 
     Attributes
     ----------

@@ -335,9 +335,7 @@ def print_kinds(kinds: Sequence[Kind]) -> str:
         )
         unused = "    (void)axes, (void)turned, (void)gradient, (void)hessian, (void)spare;"
         in_c.append("\n".join([f"static double of_{name}({takes}) {{", unused, *_in_c(lines), "}", ""]))
-    cases = [
-        f"    if kind == {k}:\n        return _{kind.name.lower()}({TAKES})" for k, kind in enumerate(kinds)
-    ]
+    cases = [f"    if kind == {k}:\n        return _{kind.name.lower()}({TAKES})" for k, kind in enumerate(kinds)]
     of = "of->axes, z, turned, gradient, hessian, spare"
     cases_in_c = [f"    if (of->kind == {kind.name}) return of_{kind.name.lower()}({of});" for kind in kinds]
     c = C.format(functions="\n".join(in_c), cases="\n".join(cases_in_c))

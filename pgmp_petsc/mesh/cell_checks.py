@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from pgmp_petsc.mesh.solid_mesh import incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.mesh.reference_element import reference_element, shape_gradients
+from pgmp_petsc.mesh.solid_mesh import incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.runtime.errors import InputError
 
 

@@ -33,9 +33,9 @@ from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 
 from pgmp_petsc.mesh.abaqus import check_sets
 from pgmp_petsc.mesh.cell_checks import check_cells, shown
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.runtime.errors import InputError, shortened
 
 KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}
@@ -340,7 +340,7 @@ def _members(mesh: meshio.Mesh, received: str) -> dict[str, list[np.ndarray]]:
 def _set_members(mesh: meshio.Mesh, name: str, blocks: list, received: str) -> list[np.ndarray]:
     """Return the numbers of a cell set's cells within each block, as far as meshio tells them.
 
-    The set of an Abaqus file that stands before some of the cells has fewer entries than there are blocks.
+    The set of an Abaqus file that comes before some of the cells has fewer entries than there are blocks.
     """
     try:
         members = [np.asarray([] if numbers is None else numbers, dtype=int) for numbers in blocks]

@@ -1,4 +1,4 @@
-"""What of a mechanism can be seen: the bodies whose meshes a model knows, and where they have stresses."""
+"""Visible parts of a mechanism: the bodies whose meshes a model knows, and where they have stresses."""
 
 from __future__ import annotations
 

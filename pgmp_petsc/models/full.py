@@ -12,13 +12,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.dynamics.full_problem import FullEquations
-from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed, FullStatics
-from pgmp_petsc.dynamics.rank_solver import PREFIX
-from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import Settled, settle
 from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.full.problem import FullEquations
+from pgmp_petsc.full.rank_solver import PREFIX
+from pgmp_petsc.full.systems import FullBatch, FullDistributed, FullStatics
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -30,6 +27,9 @@ from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.sample_blocks import SampleBlocks
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.static_equilibrium import Settled, settle
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -193,7 +193,7 @@ class FullModel:
         Collective on the system's communicator.
         """
         frames = self.frames(system, state)[list(self.outputs.nodes)]
-        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:

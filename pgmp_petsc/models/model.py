@@ -1,4 +1,4 @@
-"""What simulations and ensembles ask of a model."""
+"""Interface of a model for simulations and ensembles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.static_equilibrium import Search
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -17,6 +15,8 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.uses import velocity_names
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.static_equilibrium import Search
 
 AT_REST = 1e-12  # rad over a run: less is round-off of sines
 # an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero

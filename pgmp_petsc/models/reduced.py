@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.reduced_actions import ReducedActions
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedDamping, ReducedTerms
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.reduced.actions import ReducedActions
+from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.served_range import Served, served_ranges
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.static_equilibrium import settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields

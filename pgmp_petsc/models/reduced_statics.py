@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 
 TURN = 1e-6  # rad of differences
 TORQUE = 1e-3  # of differences along torques, in units of those that are left
@@ -44,7 +44,7 @@ class ReducedStatics:
         self._system, self._angles = system, angles
         self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
         self._eta = np.zeros((system.n_samples, system.n_eta))
-        # of the loads, with which a deformation was found last; how far a joint that is not held stands away, rad
+        # of the loads, with which a deformation was found last; how far a joint that is not held is away, rad
         self._share, self._away = np.zeros(system.n_samples), np.zeros(system.n_samples)
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ class ReducedStatics:
             left, failed = self._deform(eta, mu, slopes, active)
             lost = lost | (failed & active)
             away = self._angles.of(eta) - angles
-            # theta may stand still while mu still bends the joint
+            # theta may be at rest while mu still bends the joint
             size = np.maximum(moved_by, np.max(np.abs(away), axis=1))
             active = active & ~lost & ~settled_in(size, last)
             last = size

@@ -110,7 +110,7 @@ class ReducedStresses:
 
 
 class MissedStrains:
-    """What reduced states miss of the strains of bodies away from the nominal parameters.
+    """Strains of bodies that reduced states miss away from the nominal parameters.
 
     Parameters
     ----------

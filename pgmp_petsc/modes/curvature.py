@@ -23,13 +23,13 @@ Psi``
     kept_ij = F M^-1 Psi^T M chi[(1 - S) psi_i, (1 - S) psi_j],
     S = s^2 (3 - 2 s),  s = K^-1 K_axial,      F = (1 + a^2)^-1 a^2,  a = tr(A^-1) A / STIFF,  A = M^-1 K.
 
-S leaves out what stretches bodies itself. What follows at once is told by the frequency: few vectors of a mechanism
-hold what only stretches, and one that stretches by a quarter is as stiff.
+S leaves out what stretches bodies itself. The part that follows at once is chosen by frequency: few vectors of a
+mechanism hold what only stretches, and one that stretches by a quarter is as stiff.
 
 What rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``.
 
 A node's directors are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and
-rotations, ``1/2 (a x (b x e_k) + b x (a x e_k))``, stands beside chi wherever chi meets the mass (`modes.curvature`).
+rotations, ``1/2 (a x (b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass (`modes.curvature`).
 With the inertia J of the directors at a node (`bodies.inertia_moments`) its momentum on a rotation phi is
 
     phi . 1/2 ((J a) x b + (J b) x a),

@@ -2,7 +2,7 @@
 
 All outputs but stresses are read of the frames of some nodes and of their rates, whichever model moved them
 (`readings`). Stresses depend on what else a model knows of a body, and on parameters; each model evaluates them in its
-own way (`models.stresses`), and they stand behind the frames and rates in what it observes.
+own way (`models.stresses`), and they follow the frames and rates in what it observes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What outputs read of frames: a statement about two points, a place, a rotation, or a place from that of the rigid
+"""Readings of frames for outputs: a statement about two points, a place, a rotation, or a place from that of the rigid
 mechanism. Of all but the last there are rates too. The same readings are evaluated here and in models in C
-(`code.statements`).
+(`c_export.statements`).
 
 Frames are ``(x, y, phi)`` in the plane, and in space position, directors and the rigid coordinates, which say how often
 a joint has turned. A deformation is the position less that of the rigid mechanism at the same measured coordinates,
@@ -119,7 +119,6 @@ class Reading:
             near = 0.0 if self.turns is None else self.turns.near(first[SPATIAL.n_pose :])
             return self.space.angle(self.statement, *sides, near)
         return self.statement.value(*map(self.space.natural, sides))
-
 
     def _rate(self, frames: Frames, rates: Frames) -> np.ndarray:
         if self.kind == "ROTATION":

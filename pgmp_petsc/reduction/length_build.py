@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations

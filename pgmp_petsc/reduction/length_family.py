@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.bodies.matrices import mass_of_bodies
+from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import SecondOrderTables

@@ -21,8 +21,8 @@ from pgmp_petsc.declare.records import Record, Result, array, attribute, leaves,
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.runtime.files import RunRecord
 
 AMPLITUDES = "amplitudes in the floating frame"
@@ -120,7 +120,9 @@ class RecoveryFile(Record):
         super().__post_init__()
         n_nodes, wanted = len(self.nodes), self.nodes.size
         if len(self.shapes) != wanted or self.cells.size and not 0 <= self.cells.min() <= self.cells.max() < n_nodes:
-            raise ValueError(f"recovery has shapes {self.shapes.shape}, not of {wanted} rows, or cells beyond its nodes")
+            raise ValueError(
+                f"recovery has shapes {self.shapes.shape}, not of {wanted} rows, or cells beyond its nodes"
+            )
         if any(one.ndim != 2 for one in self.groups.values()) or any(one.ndim != 1 for one in self.regions.values()):
             raise ValueError("recovery: faces of groups have two axes, cells of regions one")
 
@@ -225,9 +227,7 @@ class ComponentFile(Record):
     probes: np.ndarray = array("own unknown", "probe", unit="SI", about=f"what tells modes apart: {UNKNOWNS}")
     n_mesh_dofs: int = attribute("@n_mesh_dofs", about="unknowns of the mesh")
     error: float = attribute("@error", about="estimated relative error of what the interface answers")
-    centre_of_mass: np.ndarray | None = array(
-        "dimension", unit="m", about="of a rigid body, in its frame", absent=None
-    )
+    centre_of_mass: np.ndarray | None = array("dimension", unit="m", about="of a rigid body, in its frame", absent=None)
     recovery: RecoveryFile | None = array(absent=None)
     floating: FloatingFile | None = array(absent=None)
     moments: np.ndarray | None = array(
@@ -399,7 +399,9 @@ class PointsFile(Record):
 
     n_vectors: int = attribute("@n_vectors", about="vectors that the basis takes from them")
     missed: np.ndarray = array(
-        "basis", gaps=True, about="share of the energy missed at the worst parameters tried: at first, with each point more"
+        "basis",
+        gaps=True,
+        about="share of the energy missed at the worst parameters tried: at first, with each point more",
     )
     values: dict[str, np.ndarray] = array("point", unit="SI", about="value of '{name}' at every point", ordered=True)
 
@@ -430,9 +432,7 @@ class ModelFile(Record):
         "configuration", "stiffness term", "mode", "mode", at="tables/stiffness", unit=WEIGHT_FREE,
         about="Psi^T K_i Psi, eq. (14)",
     )  # fmt: skip
-    load: np.ndarray = array(
-        "configuration", "load term", "eta", at="tables/load", unit=WEIGHT_FREE, about="Psi^T f_j"
-    )
+    load: np.ndarray = array("configuration", "load term", "eta", at="tables/load", unit=WEIGHT_FREE, about="Psi^T f_j")
     rigid: np.ndarray = array(
         "fine configuration", "mass term", "pair of coordinates", at="tables/rigid", unit=WEIGHT_FREE,
         about="(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l, theta on a fine grid",

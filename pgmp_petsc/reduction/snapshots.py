@@ -9,7 +9,7 @@ Where in the parameter space they are taken is a greedy choice. Candidates span 
 (`scene.spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
 and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
 point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
-worst candidate hardly better. """
+worst candidate hardly better."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class Compression:
 def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:
     """Return the leading vectors, by number, that are independent at every configuration with those before them.
 
-    One that vanishes somewhere, as the answer to a spring does where that stands along a bar, is passed over.
+    One that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over.
     """
     n = int(np.sum(squares > ROUND_OFF * squares[:1]))
     scaled = vectors[:, :n] / np.sqrt(squares[:n])

@@ -14,7 +14,7 @@ The inertia of the rigid motion needs no eigenproblem: it follows from the exact
 At the samples mass and stiffness are positive definite by construction; in between (`indefinite_between`) a sum of
 interpolated entries need not be. A reduced model with a negative mass or stiffness runs away as soon as the steps are
 small enough to see it (Amsallem et al. 2009 interpolate on the manifold of definite matrices for that; here a basis
-that is smooth enough is asked for instead). """
+that is smooth enough is asked for instead)."""
 
 from __future__ import annotations
 

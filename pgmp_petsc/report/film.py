@@ -40,7 +40,7 @@ MESHED = ("solid2d", "solid3d")
 
 @dataclass(frozen=True, eq=False)
 class FilmBody:
-    """What is drawn of a body.
+    """A body as the film draws it.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ SHADES = 254  # of stress from zero to the largest one; one more number says tha
 
 @dataclass(frozen=True)
 class Legend:
-    """What colours mean.
+    """Meaning of the colours.
 
     Attributes
     ----------
@@ -251,7 +251,7 @@ class Legend:
 
 @dataclass(frozen=True)
 class Film:
-    """What the page needs to draw the mechanism.
+    """Data that the page needs to draw the mechanism.
 
     Attributes
     ----------

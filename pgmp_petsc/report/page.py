@@ -1,6 +1,6 @@
 """The page: one HTML file that needs no network, with a section a scene.
 
-Figures that stand in a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
+Figures from a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
 script, pictures and data are within the page, and its content policy lets it load nothing else.
 """
 

@@ -34,7 +34,7 @@ MOST_FAILED = 20
 
 @dataclass(frozen=True)
 class Table:
-    """A table: its head, rows of sentences, and what stands below it."""
+    """A table: its head, rows of sentences, and the text below it."""
 
     head: list[str]
     rows: list[list[Sentence]]
@@ -43,7 +43,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """What the page shows of a scene; the names are those of the template."""
+    """The page's section on a scene; the names are those of the template."""
 
     name: str
     description: str

@@ -25,7 +25,7 @@ from pgmp_petsc.runtime.files import RunRecord, open_file
 
 @dataclass(frozen=True)
 class Build:
-    """What a reduced model's file says of its making.
+    """Build of a reduced model, as recorded in its file.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
 
 
 def compact_json(data: object) -> str:
-    """Return JSON that may stand within a script element of a page."""
+    """Return JSON that is allowed within a script element of a page."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
@@ -115,7 +115,7 @@ class Datum:
     Attributes
     ----------
     value
-        As it stands in the file, in the file's unit.
+        As in the file, in the file's unit.
     text
         As it is read.
     file, path, index

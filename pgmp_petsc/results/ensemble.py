@@ -48,7 +48,7 @@ _UNIT = "as attribute units"
 
 @dataclass(frozen=True)
 class Stopping(Record):
-    """What was seen at every look, and why the last one was the last; without rules a budget alone decided."""
+    """Figures at every look, and why the last one was the last; without rules a budget alone decided."""
 
     why: str = attribute("@why", about="why it ended, in words")
     budget: float | None = attribute("@budget", about="wall time for the samples, s; empty where there was none")
@@ -394,5 +394,5 @@ class Ensemble(Result):
 
     @property
     def what_errors(self) -> str:
-        """What the estimated errors are of."""
+        """The model or step whose errors are estimated, in words."""
         return OF_REDUCED if self.model == "reduced" else OF_STEP

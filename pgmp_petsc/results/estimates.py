@@ -100,7 +100,9 @@ class EstimatedErrors(Record):
 
     def of_one_run(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return the largest error and the largest size of every output, as of an ensemble of one sample, (1,) each."""
-        maxima, sizes = ({name: np.array([of(name)]) for name in self.outputs} for of in (self.maximum, self.largest.get))
+        maxima, sizes = (
+            {name: np.array([of(name)]) for name in self.outputs} for of in (self.maximum, self.largest.get)
+        )
         return maxima, sizes
 
 
@@ -141,7 +143,7 @@ class Balance(Record):
 
     @property
     def residual(self) -> np.ndarray:
-        """What the energies gained that no effect brought, shape (n_t,), J."""
+        """Energy gained that no effect brought, shape (n_t,), J."""
         stored = self.kinetic + self.strain
         return stored - stored[0] - sum(self.work.values(), np.zeros_like(stored))
 

@@ -103,7 +103,7 @@ def _changes(group: h5py.Group, _: dict[str, Any]) -> dict[str, tuple[float, str
 class Derivatives(Result):
     """Derivatives of one run.
 
-    `changes` has of each parameter the change that effects are told of, and whether that is `DEVIATION` or `PERCENT`;
+    `changes` has of each parameter the change to which effects refer, and whether that is `DEVIATION` or `PERCENT`;
     `correlation` is zero where a parameter has no distribution, and `contacts` None where no end stop is met.
     """
 

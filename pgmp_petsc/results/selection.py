@@ -1,7 +1,7 @@
 """Sizes of effects, as estimated before a build: what to keep and what to leave; of a reduced model whose effects were
 chosen (``effects = "auto"``).
 
-The assembled mechanism as it stands at the start: what a picture of a scene needs.
+The assembled mechanism at the start: what a picture of a scene needs.
 
 What was chosen for the tolerances of a scene, and why; a part of a reduced model's file.
 """
@@ -122,7 +122,7 @@ class Attempt(Record):
 
 @dataclass(frozen=True)
 class Selection(Record):
-    """What was chosen."""
+    """The entries that were chosen for the tolerances, and why."""
 
     tolerances: Mapping[str, float] = _mapping("tolerances", "the scene's tolerances")
     allowed: Mapping[str, float] = _mapping("allowed", "what each part of the error may be")

@@ -1,4 +1,4 @@
-"""What accuracy costs: errors and times of many settings of all models, and of response surfaces.
+"""The cost of accuracy: errors and times of many settings of all models, and of response surfaces.
 
 Every setting is measured by one serial process; of several times the least is kept. Columns of settings are 0, false or
 empty where they have no meaning, numbers NaN where a setting failed.
@@ -212,7 +212,7 @@ class Tradeoff(Result):
 
     @property
     def reference_runs(self) -> str:
-        """What a response surface goes through."""
+        """Runs that a response surface goes through, in words."""
         return "component runs" if self.reference_model == "components" else "full-order runs"
 
     def modes(self, row: int) -> str:
@@ -231,7 +231,7 @@ class Tradeoff(Result):
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return which points no other one dominates: is at most as dear and at most as wrong, and less of one of them.
+    """Return which points no other one dominates: has at most their cost and error, and less of one of them.
 
     Parameters
     ----------

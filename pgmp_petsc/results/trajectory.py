@@ -5,11 +5,11 @@ has what an output with `at` reports there. Where the rigid mechanism does not e
 
 One run over time: outputs, states and frames of the mechanism's shape.
 
-A run that stopped before its end has a `status` other than 0, the number of the reason (`dynamics.status`); the file
+A run that stopped before its end has a `status` other than 0, the number of the reason (`stepping.status`); the file
 then holds the run up to there, and a remark says why.
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three components:
-XDMF can then refer to them as they stand (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
+XDMF can then refer to them as they are (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
 body.
 """
 

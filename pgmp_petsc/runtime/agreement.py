@@ -90,7 +90,7 @@ def on_root(comm: MPI.Comm, function: Callable[..., Result], *args: Any) -> Resu
 
 
 def _unexpected(error: Exception, activity: str, rank: int) -> RunError:
-    """Return what the user is told of an error; the traceback of one that may be a mistake of ours is printed."""
+    """Return the user's message of an error; the traceback of one that may be a mistake of ours is printed."""
     plain = plain_reason(error)
     if plain is not None:
         return RunError(f"{activity} failed on rank {rank}: {plain}")

@@ -215,7 +215,7 @@ def claimed(
 
 @contextmanager
 def locked(target: Path, named: str) -> Iterator[None]:
-    """Keep a file, or what it stands for, from other jobs within the block; by one process.
+    """Keep a file, or what it refers to, from other jobs within the block; by one process.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Tables of numbers as CSV that users hand over: names in the first line, then a row a line; empty lines have no part.
 
-Commas stand between columns. A unit may stand behind a name, ``time (s)``, as in the tables that this program writes;
+Commas separate columns. A unit may follow a name, ``time (s)``, as in the tables that this program writes;
 another one than that of the column is refused.
 """
 

@@ -1,9 +1,9 @@
 """The end of a program: its exit status, and what PETSc still holds.
 
-Standard output that a run outlives: where it cannot be written, the run goes on and the failure is told at its end.
+Standard output that a run outlives: where it cannot be written, the run goes on and the failure is reported at its end.
 
 A full disk under ``pgmp ... > log`` must not cost the results of hours, and a reader that has gone (``pgmp info F |
-head``) is no error to be told at all.
+head``) is no error to report at all.
 
 Child processes that end with this one, however it ends, and at their limits of time.
 

@@ -1,6 +1,6 @@
-"""What can go wrong, and with which exit status a command then ends.
+"""Errors, and the exit status with which a command then ends.
 
-What a result's reader has to know besides its figures: warnings, and notes on what was left out and why.
+Remarks for a result's reader besides its figures: warnings, and notes on what was left out and why.
 
 A remark is printed where the result is made, kept in its file (root attribute ``remarks``) and printed again by ``pgmp
 info``: what was not computed, not estimated, not converged or left out is said in all three places in the same words.

@@ -349,6 +349,10 @@ def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]
     cure."""
     try:
         yield
+    except InputError as error:
+        if cure == WRITE_AGAIN or "write the file again" not in str(error):
+            raise
+        raise InputError(str(error).replace("write the file again", cure)) from error  # `take` does not know the cure
     except _MISFITS as error:
         reason = error.args[0] if error.args else type(error).__name__
         name = file if isinstance(file, Path) else file.filename

@@ -2,7 +2,7 @@
 
 Arrays of samples have the shape (..., n_lanes), with one lane or LANES. `items` sees them as arrays without the last
 axis, of numbers or of vectors (`vectors`), and everything here takes both: a kernel reads as that of one sample, and
-is compiled for either when it is called with it. Which one is told by the type of a tuple as long as there are lanes
+is compiled for either when it is called with it. Which one follows from the type of a tuple as long as there are lanes
 (`width_of`).
 
 A sample's numbers are the same to the last bit alone and in any lane. Kernels on items are therefore compiled without

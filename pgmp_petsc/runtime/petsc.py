@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
 
-#: Which options reach what; each stands in the module that makes the solver. docs/petsc_options.md explains them.
+#: Which options reach what; each is in the module that makes the solver. docs/petsc_options.md explains them.
 PREFIXES = {
     "pgmp_modes_": "eigenproblems of the mechanism",
     "pgmp_scale_": "the first eigenproblem of a mechanism, which finds the shift of the others",
@@ -149,7 +149,7 @@ def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> 
 
 
 def _printed_reason(text: str) -> str:
-    """Return what stands between the heading of PETSc's page and its advice."""
+    """Return the text between the heading of PETSc's page and its advice."""
     lines = [line.partition("PETSC ERROR: ")[2].strip() for line in text.splitlines()]
     for number, line in enumerate(lines):
         if "Error Message" in line:

@@ -1,11 +1,11 @@
-"""How far long work has come, said by rank 0 on stderr.
+"""The progress of long work, printed by rank 0 on stderr.
 
 A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
 every `EVERY` seconds; short work says nothing.
 A thread writes them, so that work of which no unit is done yet is seen to go on.
 
-What is left is told by the rate of the last part of the work, without the time that it waited for the compiler: what
-comes first is slower as a rule. Units that are under way count by the share of their steps that is done.
+The time left follows from the rate of the last part of the work, without the time that it waited for the compiler:
+the first part is slower as a rule. Units that are under way count by the share of their steps that is done.
 
 Between counts a person at a terminal sees which phase goes on, and a log has a line of it (`Beat`): neither is without
 a word for longer than `EVERY`.
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 EVERY = 5.0  # s, before the first line, and between lines
 RECENT = 0.5  # of the time, the last part, whose rate tells what is left; EVERY at least
-TOLD = 0.01  # of what there was to do, from which on what is left is told
+TOLD = 0.01  # of what there was to do, from which on the time left is shown
 NOTED = 0.5  # s, between two counts that are kept of the last part
 BEAT = 1.0  # s, between looks of what shows that a command goes on
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
-_waits_for: list[str] = []  # what stands beside the count
+_waits_for: list[str] = []  # the text beside the count
 _waiting = [0.0, 0.0]  # s that work waited for such things so far, and since when it does now
 _bars: list[tqdm] = []  # those at a terminal
 _counts: list[object] = []  # counts that are open
@@ -90,7 +90,7 @@ class Silent(Progress):
 
 
 class _Watched:
-    """What a thread of its own looks at now and then, within a block."""
+    """State that a separate thread looks at now and then, within a block."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()

@@ -1,4 +1,4 @@
-"""What work takes: time of named phases, and the memory that is free for it."""
+"""Resources of the work: time of named phases, and the memory that is free for it."""
 
 from __future__ import annotations
 

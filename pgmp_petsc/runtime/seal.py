@@ -80,7 +80,7 @@ class BrokenSeal(Exception):
 
 @dataclass(frozen=True)
 class Seal:
-    """What a seal says.
+    """Contents of a seal.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Steps:
         self._read()
 
     def is_finished(self, name: str, key: str) -> bool:
-        """Return whether a file is there, whole, and made from what the key stands for."""
+        """Return whether a file is there, whole, and made from what the key describes."""
         entry = self._read().get(name, {})
         try:
             return entry.get("key") == key and check_seal(self.folder / name).sha256 == entry.get("sha256")

@@ -1,10 +1,10 @@
-"""What a process finds around it before it works: standard streams that are closed, and environment variables that
+"""Surroundings of a process before it works: standard streams that are closed, and environment variables that
 libraries read when they are imported, of which a wrong one ends in a traceback or in minutes of compiling.
 
-What this Python has of MPI, PETSc and SLEPc, and what is said where one of them is needed and absent.
+MPI, PETSc and SLEPc as this Python has them, and the message where one of them is needed and absent.
 
 Reduced models run without them: this process alone is then the communicator (`OneRank`), and a plain loop
-drives the integration (`dynamics.drivers`). docs/without_petsc.md says what works so.
+drives the integration (`stepping.drivers`). docs/without_petsc.md says what works so.
 
 A communicator of this process alone, for a Python without MPI.
 """
@@ -233,7 +233,7 @@ def _is_there(name: str) -> bool:
 
 
 class OneRank:
-    """What programs here ask of a communicator of mpi4py, with one rank; nothing is sent, and nothing waits.
+    """The part of mpi4py's communicator that is used here, with one rank; nothing is sent, and nothing waits.
 
     What several ranks alone do (messages between ranks, reductions with an operation of MPI) is not here: it is asked
     for where ``size`` is larger than 1.

@@ -60,7 +60,7 @@ class Vector(types.Type):
         super().__init__(name=f"Vector{LANES}")
 
     def can_convert_from(self, typing: Any, other: types.Type) -> Conversion | None:
-        """A number stands for the same number in every lane."""
+        """Treat a number as the same number in every lane."""
         return Conversion.safe if other is types.float64 else None
 
 

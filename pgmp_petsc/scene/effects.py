@@ -1,4 +1,4 @@
-"""What a scene may say of effects, and what all else has to know of one. The effects themselves are in `effects`.
+"""Entries of effects in a scene, and what all else has to know of one. The effects themselves are in `effects`.
 
 An effect is one class: its entries, and what is declared of it here. An effect that a scene does not name is never
 evaluated.
@@ -146,7 +146,7 @@ class EffectEntry(Table):
 
     @property
     def adds(self) -> str:
-        """What it adds to a model besides loads and local forces, in words."""
+        """Terms that it adds to a model besides loads and local forces, in words."""
         return ""
 
 
@@ -233,10 +233,7 @@ class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
     joint: str = Field(description="name of a joint that turns or slides")
-    motion: Literal["turning", "sliding"] | None = Field(
-        None, description="which motion of a joint that has both"
-    )
-
+    motion: Literal["turning", "sliding"] | None = Field(None, description="which motion of a joint that has both")
 
     #: Entry that its work grows with.
     strength: ClassVar[str] = ""

@@ -114,7 +114,7 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 @dataclass(frozen=True)
-class at_most:  # noqa: N801, stands among the other notes on a type and reads as they do
+class at_most:  # noqa: N801, is among the other notes on a type and reads as they do
     """A check that refuses numbers above `limit`, with the reason for it; schemas for editors have the limit."""
 
     limit: float
@@ -221,7 +221,7 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _either(**bounds: float) -> WithJsonSchema:
-    """Return what editors are told of a number within bounds, or a parameter's name."""
+    """Return the schema, for editors, of a number within bounds, or a parameter's name."""
     return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
 
 

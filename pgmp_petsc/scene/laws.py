@@ -101,7 +101,7 @@ class Empirical:
         Shape (n,).
     """
 
-    has_atoms = False  # but for half a share at either end, where a hair's breadth of values stands for them
+    has_atoms = False  # but for half a share at either end, where a hair's breadth of values represents them
 
     def __init__(self, values: np.ndarray) -> None:
         self._values = np.sort(values)

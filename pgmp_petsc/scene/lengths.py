@@ -1,4 +1,4 @@
-"""Parameters that are lengths or places: the length of a straight body, where a joint stands on the ground.
+"""Parameters that are lengths or places: the length of a straight body, the place of a joint on the ground.
 
 They change the rigid motion, and nothing is affine in them: a reduced model is built at some of their values and
 interpolates between these (`reduction.length_family`), so that each needs a range: its bounds, within what its

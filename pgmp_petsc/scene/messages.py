@@ -61,7 +61,7 @@ def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
 
 
 def toml_text(value: object) -> str:
-    """Return `value` as it would stand in a scene, shortened if it is long."""
+    """Return `value` as it would be in a scene, shortened if it is long."""
     return shortened(inline_toml(value), MAX_RECEIVED)
 
 

@@ -169,8 +169,8 @@ class Simulation(Table):
     error_indicator: bool = Field(
         True,
         strict=True,
-        description="estimate the errors of reduced runs, from their residual in the full-order equations, and those of "
-        "the time step of other runs, from a run with a coarser step",
+        description="estimate the errors of reduced runs, from their residual in the full-order equations, and those "
+        "of the time step of other runs, from a run with a coarser step",
     )
     initial: dict[str, InitialState] = Field({}, description="start of each coordinate; 0 at rest where not given")
 

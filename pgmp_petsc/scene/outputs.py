@@ -1,4 +1,4 @@
-"""What a scene may say of outputs, and what all else has to know of one. The outputs themselves are in `outputs`.
+"""Entries of outputs in a scene, and what all else has to know of one. The outputs themselves are in `outputs`.
 
 An output is one class: its entries, what it reads of a motion, and what is declared of it here.
 """
@@ -44,8 +44,8 @@ OF_FIBRES = ("stress_max", "stress_min")
 class OutputEntry(Table):
     """A table ``[outputs.NAME]``. An output is a subclass with ``type: Literal["..."]``, its entries, and `reads`."""
 
-    #: What it reads of a motion: ``frames`` of nodes, of which it is what `reading` returns; their ``rates``, with which
-    #: it is how fast that changes; or ``stresses``, which models observe.
+    #: What it reads of a motion: ``frames`` of nodes, of which it is what `reading` returns; their ``rates``, with
+    #: which it is how fast that changes; or ``stresses``, which models observe.
     reads: ClassVar[Literal["frames", "rates", "stresses"]]
     #: Motions of which the joint that it is of leaves one free: ``turning``, ``sliding``.
     joints: ClassVar[tuple[str, ...]] = ()

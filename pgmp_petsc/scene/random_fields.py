@@ -99,7 +99,7 @@ def add_field_parameters(data: dict[str, Any]) -> None:
     for name, entry in fields.items():
         try:
             field = RandomField.model_validate(entry)
-        except ValueError:  # pydantic's, and what it is told by names that are none
+        except ValueError:  # pydantic's; names that are none raise it too
             continue
         for number, parameter in enumerate(field.names(name), 1):
             parameters.setdefault(parameter, field.parameter(name, number))

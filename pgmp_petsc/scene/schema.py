@@ -82,7 +82,7 @@ class Scene(Table):
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What is doubtful about the scene, as its reader found out; results keep it. No part of the TOML."""
+        """Doubts about the scene that its reader found; results keep them. No part of the TOML."""
         return self._remarks
 
     def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:

@@ -1,4 +1,4 @@
-"""What a scene may say of the cross-section of a beam, and what all else has to know of one; see `bodies.sections`."""
+"""Entries of a beam's cross-section in a scene, and what all else has to know of one; see `bodies.sections`."""
 
 from __future__ import annotations
 

@@ -226,7 +226,7 @@ def _law_in_si(law: Mapping[str, Any], factor: float) -> dict[str, Any]:
 
 
 def _times(value: object, factor: float) -> object:
-    """Return a number times the factor, so that 5.6 mm are the 5.6e-3 that would stand for them; others unchanged."""
+    """Return a number times the factor, so that 5.6 mm are the 5.6e-3 of SI units; others unchanged."""
     if not is_number(value):
         return value
     exact = Decimal(repr(float(value)))  # in decimals, in which the factors of most units are exact

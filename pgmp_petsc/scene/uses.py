@@ -19,6 +19,7 @@ MATERIAL = {"E": "Pa", "rho": "kg/m3"}
 BODY = {"thickness": "m", "section_scale": "1"}
 MATRICES = ("stiffness_scale", "mass_scale")
 
+
 @dataclass(frozen=True)
 class Use:
     """One entry that may name a parameter.

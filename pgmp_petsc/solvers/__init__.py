@@ -1,1 +1,2 @@
-"""Solvers of large eigenproblems."""
+"""Solvers of large eigenproblems: shift-invert with checked pairs (`shift_invert`) over factors of MUMPS
+(`shifted_factor`)."""

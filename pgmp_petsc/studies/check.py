@@ -1,6 +1,6 @@
-"""What a scene is, in words: bodies, unknowns, effects, memory. Solves no eigenproblem.
+"""Summary of a scene, in words: bodies, unknowns, effects, memory. Solves no eigenproblem.
 
-What a scene holds as plain data, for `pgmp check --json`.
+Contents of a scene as plain data, for `pgmp check --json`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from pgmp_petsc.scene.effect_checks import parts_of, points_used
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
+
+
 #: What effects add that are neither loads nor local forces.
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.

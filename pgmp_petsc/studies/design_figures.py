@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Question:
-    """What is to be designed."""
+    """Goal, constraints and parameters of a design."""
 
     # goal, constraints: what is wanted
     goal: Goal

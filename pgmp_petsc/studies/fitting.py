@@ -27,9 +27,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
@@ -40,6 +39,7 @@ from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.studies.goals import TurnedBack
 from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.studies.sensitivities import chosen_parameters, contact_remarks

@@ -70,7 +70,7 @@ class Dual:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an expression is evaluated of: a run and the values of the parameters that it is differentiated with."""
+    """Source of an expression's value: a run and the values of the parameters that it is differentiated with."""
 
     run: DifferentiatedRun
     values: Mapping[str, float]
@@ -309,7 +309,7 @@ def _joined(sign: str, left: Expression, right: Expression) -> Expression:
 
 @dataclass
 class TurnedBack:
-    """What a search turned back from."""
+    """Places from which a search turned back."""
 
     count: int = 0  # how often
     first: str = ""  # the first place and the reason, in words
@@ -320,7 +320,7 @@ class TurnedBack:
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What the reader of a result has to know."""
+        """Remarks for the reader of a result."""
         if not self.count:
             return ()
         often = "once" if self.count == 1 else f"{self.count} times"

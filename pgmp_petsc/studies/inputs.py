@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 
 
-
 def read_scene(
     path: Path,
     overrides: Sequence[str],

@@ -28,7 +28,7 @@ BY_CHANCE = 3.5  # times 1 / sqrt(n), the deviation of correlations of n indepen
 
 @dataclass(frozen=True, eq=False)
 class MeasuredHistory:
-    """What was measured."""
+    """Measured outputs over time."""
 
     time: np.ndarray  # increasing, shape (n,), s
     outputs: dict[str, np.ndarray]  # by name, each of shape (n,)

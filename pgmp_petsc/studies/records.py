@@ -1,4 +1,4 @@
-"""What runs leave: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
+"""Records of runs: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
 and now and then all nodes."""
 
 from __future__ import annotations
@@ -7,13 +7,15 @@ from collections.abc import Collection
 
 import numpy as np
 
-from pgmp_petsc.dynamics.energies import Energies, joined
-from pgmp_petsc.dynamics.full_systems import FullBatch, FullDistributed
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.full.systems import FullBatch, FullDistributed
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.models.body_fields import Fields, FullFields, joined as joined_fields
+from pgmp_petsc.models.body_fields import Fields, FullFields
+from pgmp_petsc.models.body_fields import joined as joined_fields
 from pgmp_petsc.runtime.progress import Progress
+from pgmp_petsc.stepping.energies import Energies, joined
+from pgmp_petsc.stepping.generalised_alpha import Observer
+from pgmp_petsc.stepping.second_order_system import State
 
 
 class FullRecord:
@@ -114,10 +116,8 @@ class FullRecord:
         return np.array([b - a for a, b in angles])
 
 
-class ReducedRecord:
+class ReducedRecord(Observer):
     """Keeps all states of a run of one sample, and counts its steps; one of its observers."""
-
-    every = 1
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
@@ -129,7 +129,7 @@ class ReducedRecord:
         self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `TrailObserver`."""
+        """Keep the states after many steps; see `Observer`."""
         self._keep(times, trail, times.size)
 
     def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:

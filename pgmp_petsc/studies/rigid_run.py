@@ -8,11 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.dynamics.energies import Energies, joined
-from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.static_equilibrium import require_settled
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -26,6 +21,11 @@ from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Table
 from pgmp_petsc.scene.uses import BODY, MATERIAL
+from pgmp_petsc.stepping.energies import Energies, joined
+from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.static_equilibrium import require_settled
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.balance import balance_of
 
 FEW_STEPS = 150

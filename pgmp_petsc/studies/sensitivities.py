@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.estimates.coverage import polynomials_of_lengths
+from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.indicator.coverage import polynomials_of_lengths
-from pgmp_petsc.indicator.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.runtime.agreement import agreed
@@ -21,6 +20,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import correlation_matrix
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -109,7 +109,7 @@ def _instants(contacts: Sequence[Contact]) -> Instants | None:
 
 
 def _change(scene: Scene, name: str) -> tuple[float, str]:
-    """Return the change of a parameter that effects are told of, and what it is."""
+    """Return the change of a parameter to which effects refer, and what it is."""
     parameter = scene.parameters[name]
     if parameter.distribution is not None:
         return parameter.deviation, DEVIATION
@@ -144,7 +144,7 @@ def _of_own_error(
 
 
 def _moved(scene: Scene, name: str) -> float:
-    """Return the value of a parameter by which its effects are told further, back from the end of its bounds."""
+    """Return the changed value of a parameter for its effects, back from the end of its bounds."""
     value, change = scene.values[name], _change(scene, name)[0] or SHARE
     bounds = scene.parameters[name].bounds
     return value - change if bounds is not None and value + change > bounds[1] else value + change

@@ -12,20 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import (
-    Attempt,
-    Run,
-    Together,
-    count_steps,
-    integrate,
-    integrate_with_smaller_steps,
-)
-from pgmp_petsc.dynamics.reduced_energy import least_stiffness
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.static_equilibrium import require_settled, start_remarks
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coarser_run import CoarserRun, coarser, run_coarser, step_errors
-from pgmp_petsc.indicator.coverage import (
+from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
+from pgmp_petsc.estimates.coverage import (
     absence_of_estimates,
     few_steps,
     is_estimated,
@@ -36,10 +24,11 @@ from pgmp_petsc.indicator.coverage import (
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
-from pgmp_petsc.indicator.sampled_load import jump_remarks
-from pgmp_petsc.indicator.validity import Validity, remarks_of
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.estimates.sampled_load import jump_remarks
+from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduced.energy import least_stiffness
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
@@ -51,6 +40,17 @@ from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.stepping.generalised_alpha import (
+    Attempt,
+    Run,
+    Together,
+    count_steps,
+    integrate,
+    integrate_with_smaller_steps,
+)
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.static_equilibrium import require_settled, start_remarks
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
 from pgmp_petsc.studies.records import FullRecord, ReducedRecord
@@ -101,7 +101,7 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class _Part:
-    """What one attempt at a run computed, up to its end or its failure."""
+    """Results of one attempt at a run, up to its end or its failure."""
 
     run: Run  # its end. An instant whose state or outputs are no finite numbers is a failure
     attempt: Attempt  # what was integrated

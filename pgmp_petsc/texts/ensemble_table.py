@@ -1,4 +1,4 @@
-"""What is said of ensembles, of parts of them and of rare events: figures and probabilities with their intervals."""
+"""Texts on ensembles, on parts of them and on rare events: figures and probabilities with their intervals."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ import numpy as np
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.results.numbers import (
     axis_unit,
-    interval_text as _interval,
-    number_text as _number,
-    percent as _percent,
     share_text,
+)
+from pgmp_petsc.results.numbers import (
+    interval_text as _interval,
+)
+from pgmp_petsc.results.numbers import (
+    number_text as _number,
+)
+from pgmp_petsc.results.numbers import (
+    percent as _percent,
 )
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 

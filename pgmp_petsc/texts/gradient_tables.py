@@ -1,4 +1,4 @@
-"""What is said of derivatives, fits and designs."""
+"""Texts on derivatives, fits and designs."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _named(unit: str) -> str:
 
 
 def _behind(unit: str) -> str:
-    """Return a unit as it stands behind a number; nothing where there is none."""
+    """Return a unit as written behind a number; nothing where there is none."""
     return f" {unit}" if _named(unit) else ""
 
 

@@ -1,6 +1,6 @@
-"""What is said of single runs, of reduced models and of tables of frequencies.
+"""Texts on single runs, reduced models and tables of frequencies.
 
-What is said of estimated errors, of how far runs left small deformations, and of their balance of energy; and how
+Texts on estimated errors, on how far runs left small deformations, and on their balance of energy; and how
 every report ends.
 """
 

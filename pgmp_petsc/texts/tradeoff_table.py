@@ -104,7 +104,7 @@ def _mesh(study: Tradeoff) -> list[str]:
 def _failures(study: Tradeoff) -> list[str]:
     """List the settings that failed, with their reasons."""
     failed = [row for row, reason in enumerate(study.reasons) if reason]
-    # what has times was only too dear to be run to its end
+    # a setting with times only cost too much to be run to its end
     what = ["not run" if np.isfinite(batch) else "failed" for batch in study.times.batch]
     lines = [f"{what[row]}: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
     if len(failed) > REASONS_SHOWN:

@@ -14,8 +14,8 @@ from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgm
 from sealed import resealed
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.stepping.status import Status
 
 
 @dataclass(frozen=True)
@@ -348,12 +348,12 @@ CASES = {
     "older version": Case(
         ("simulate", "{folder}/older.h5", "-o", OUT), ("older.h5", "format version 2", "build it again with pgmp build")
     ),
-    "not finite": Case(("simulate", "{folder}/nan.h5", "-o", OUT), ("nan.h5", "stiffness holds numbers that are not")),
+    "not finite": Case(("simulate", "{folder}/nan.h5", "-o", OUT), ("nan.h5", "/tables/stiffness", "NaN", "build it again")),
     "other kind": Case(
         ("simulate", "{folder}/kind.h5", "-o", OUT),
         ("kind.h5", "trajectory", "needed: a reduced model"),
     ),
-    "without tables": Case(("simulate", "{folder}/empty.h5", "-o", OUT), ("empty.h5", "damaged")),
+    "without tables": Case(("simulate", "{folder}/empty.h5", "-o", OUT), ("empty.h5", "/tables/mass' is missing", "build it again")),
     "no directory": Case(("simulate", ROM, "-o", "{folder}/no/such/out.h5"), ("no/such", "does not exist")),
     "no directory, build": Case(("build", SCENE, "-o", "{folder}/no/such/out.h5"), ("no/such", "does not exist")),
     "directory for a file": Case(("montecarlo", ROM, "-n", "2", "-o", "{folder}"), ("is a directory",)),

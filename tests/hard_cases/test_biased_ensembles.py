@@ -10,8 +10,6 @@ import pytest
 from mpi4py import MPI
 from runs import pgmp
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -19,6 +17,8 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 
 SCENE = Path(__file__).parent / "press_linkage_ensemble.toml"

@@ -11,13 +11,13 @@ from mechanisms import accurate, run_for, start
 from mpi4py import MPI
 from runs import full_model, rom_of, run_model
 
-from pgmp_petsc.dynamics.full_systems import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import Attempt, Run
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.watchers import RangeWatch
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
 from scenes import RADIUS
 

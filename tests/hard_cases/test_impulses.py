@@ -10,11 +10,11 @@ from elimination import Beams, chain, circle
 from mechanisms import accurate, assert_close, both, nominal_rom, run_for, start
 from runs import full_model, history, reduced_model, samples
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import CRANK, RADIUS, ROD, kinematics_of, pendulum
 
 IMPULSE = 0.1  # N m s, on a beam of 1 m and 0.6 kg

@@ -15,11 +15,11 @@ from mpi4py import MPI
 from runs import rom_of
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

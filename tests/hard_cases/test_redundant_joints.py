@@ -10,9 +10,9 @@ from mechanisms import Outputs, accurate, assert_close, both, run_for, start
 from mpi4py import MPI
 from runs import full_model, history, quick_return, reduced_model, rom_of, run_model, samples
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import kinematics_of, trammel
 
 AGAIN = 'joints.again={type="point_on_line", connect=["ground:origin", "rod:tip"], direction=[-3.0, 0.0]}'

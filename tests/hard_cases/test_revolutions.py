@@ -14,14 +14,14 @@ from mechanisms import GRAVITY, OUTPUTS, QUIET, run_for, start
 from runs import history, rom_of, samples
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.reduced_terms import coupling_of
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced.terms import coupling_of
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene, scene_from_tables
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.balance import balance_of
 from scenes import slider_crank
 

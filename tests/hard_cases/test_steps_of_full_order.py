@@ -17,11 +17,11 @@ from conftest import ROOT
 from mpi4py import MPI
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full
 

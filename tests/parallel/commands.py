@@ -10,11 +10,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from pgmp_petsc.cli import main as frame
 from pgmp_petsc.api.declared import command
 from pgmp_petsc.api.found import Found
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.lazy import LazyCommand
 from pgmp_petsc.cli.session import say
 from pgmp_petsc.runtime.agreement import agreed

@@ -12,7 +12,7 @@ import numpy as np  # noqa: E402
 from mpi4py import MPI  # noqa: E402
 from runs import full_model, quick_return  # noqa: E402
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate  # noqa: E402
+from pgmp_petsc.stepping.generalised_alpha import integrate  # noqa: E402
 
 if __name__ == "__main__":
     scene = quick_return("simulation.duration=0.02", "simulation.spectral_radius=1.0")

@@ -16,9 +16,9 @@ from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
 from sealed import resealed_piece
 
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.results import Ensemble
+from pgmp_petsc.stepping.status import Status
 
 N, SEED = 22, 5
 CHECKED = overridden("ensemble.checked_share=0.02")  # of runs as short as these it would be less

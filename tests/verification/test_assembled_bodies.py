@@ -15,7 +15,8 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
 from solids import body_of, matrices_of, mesh_of
-from spatial import SLIDER_CRANK as IN_SPACE, bar
+from spatial import SLIDER_CRANK as IN_SPACE
+from spatial import bar
 
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Quantity

@@ -13,7 +13,7 @@ from spatial_beams import SLIDER_CRANK, lines_of
 
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.dynamics.full_floating import add_energies_of_floating, add_floating
+from pgmp_petsc.full.floating import add_energies_of_floating, add_floating
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml

@@ -244,7 +244,7 @@ ON_RANKS = """
 import numpy as np
 from mpi4py import MPI
 from solid_scenes import solid_meshes, solid_slider_crank
-from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.groups import RankGroup

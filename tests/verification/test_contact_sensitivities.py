@@ -13,9 +13,6 @@ from mpi4py import MPI
 from runs import reduced_model, rom_of
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.dynamics.edge_search import EventLocation
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
@@ -24,6 +21,9 @@ from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.stepping.edge_search import EventLocation
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.fitting import fit
 from pgmp_petsc.studies.goals import read_constraint, read_goal

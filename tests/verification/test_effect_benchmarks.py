@@ -204,7 +204,7 @@ import sys
 import numpy as np
 from mpi4py import MPI
 from effect_scenes import line_model
-from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.scene import load_scene
 comm = MPI.COMM_WORLD
 scene = load_scene(sys.argv[1])

@@ -16,18 +16,19 @@ import pytest
 from counting import count_calls
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, line_meshes, line_model, scene_of
 from mpi4py import MPI
-from runs import full_model, history, reduced_model as in_memory, samples
+from runs import full_model, history, samples
+from runs import reduced_model as in_memory
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.dynamics.edge_search import EventLocation
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.edge_search import EventLocation
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import slider_crank
 

@@ -19,17 +19,17 @@ from runs import (
     samples,
 )
 
-from pgmp_petsc.dynamics import generalised_alpha
-from pgmp_petsc.dynamics import full_systems
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.description import Origin
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.indicator.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun
-from pgmp_petsc.indicator.reference_motion import ReferenceMotion
+from pgmp_petsc.estimates.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion
+from pgmp_petsc.full import systems as full_systems
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping import generalised_alpha
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate_reduced
 from scenes import RADIUS, slider_crank
 

@@ -25,8 +25,8 @@ from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
 from spatial import bars_of, slider_crank_in_space
 from two_coordinates import five_bar
 
-from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.source import COMPILED, write_sources
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction

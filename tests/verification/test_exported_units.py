@@ -18,13 +18,13 @@ from exported import COMPILER, Unit, assert_equal, needs_compiler, scene_of, sim
 from runs import reduced_model
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.code import source
-from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
-from pgmp_petsc.code.fmu import VERSIONS, write_fmu
-from pgmp_petsc.code.source import _weigh
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.c_export import source
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.description import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.source import _weigh
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.stepping.second_order_system import State
 
 pytestmark = needs_compiler
 # an interpreter that has FMPy, which takes a newer numpy than this program: that of scripts/setup --tests, or another

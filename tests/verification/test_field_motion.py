@@ -11,11 +11,11 @@ from spatial_beams import SLIDER_CRANK as IN_SPACE
 from spatial_beams import lines_of
 
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import PENDULUM, meshes_of, slider_crank
 
 N = 20  # elements

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import HEADER
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"

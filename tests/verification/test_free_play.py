@@ -16,16 +16,16 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 import pgmp_petsc as pgmp
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.description import OUTPUTS
-from pgmp_petsc.code.fmu import VERSIONS, write_fmu
+from pgmp_petsc.c_export.constants import constants_of
+from pgmp_petsc.c_export.description import OUTPUTS
+from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from scenes import meshes_of, slider_crank
 
 SETTINGS = (
@@ -60,7 +60,9 @@ def oscillation(time: np.ndarray, inertia: float) -> np.ndarray:
     t = (time - UPPER / SPEED) % (2.0 * (half + across))  # from where it meets the upper end on
     above, below = SPEED / omega * np.sin(omega * t), SPEED / omega * np.sin(omega * (t - half - across))
     cases = [t < half, t < half + across, t < 2.0 * half + across]
-    return np.select(cases, [UPPER + above, UPPER - SPEED * (t - half), LOWER - below], LOWER + SPEED * (t - 2.0 * half - across))
+    return np.select(
+        cases, [UPPER + above, UPPER - SPEED * (t - half), LOWER - below], LOWER + SPEED * (t - 2.0 * half - across)
+    )
 
 
 @pytest.mark.parametrize("model", ["full", "reduced"])

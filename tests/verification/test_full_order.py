@@ -12,12 +12,12 @@ from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 from scipy.special import ellipk
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import CRANK, RADIUS, ROD, pendulum, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
@@ -118,7 +118,7 @@ DISTRIBUTED = """
 import numpy as np
 from mpi4py import MPI
 from runs import full_model, quick_return, run_model
-from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 scene = quick_return("simulation.duration=0.1")
 model = full_model(scene)
 with model.distributed(scene.values, MPI.COMM_WORLD) as system:

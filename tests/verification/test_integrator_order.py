@@ -13,7 +13,7 @@ import pytest
 from elimination import Eliminated, chain, circle
 from runs import full_model, quick_return, run_model, samples
 
-from pgmp_petsc.dynamics.full_systems import FullBatch
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.scene import Scene
 
 YOUNG, DENSITY, DURATION = 2e7, 7800.0, 0.02

@@ -15,8 +15,8 @@ from runs import rom_of, samples
 
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher, ValidityWatcher
+from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.errors import InputError

@@ -11,9 +11,9 @@ from combinations import KINDS, TINY, meshes_for
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.dynamics.full_damping import ModalFactors, add_modal_damping
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import ModalDamping, free_modes, modal_damping
+from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.mechanism.unknowns import Unknowns

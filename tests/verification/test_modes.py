@@ -15,7 +15,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.modes import dense_pencil as dense_module, problem as problem_module
+from pgmp_petsc.modes import dense_pencil as dense_module
+from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.dense_pencil import DensePencil
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.sparse_pencil import SparsePencil

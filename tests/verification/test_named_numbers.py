@@ -15,13 +15,13 @@ from runs import full_model, history, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK, lines_of
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import ErrorWatcher
+from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.indicator.error_indicator import indicator_of
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.status import Status
 from scenes import slider_crank
 
 #: Entries with two values each; the first one is nominal.

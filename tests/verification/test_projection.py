@@ -8,10 +8,10 @@ from effect_scenes import CANTILEVER, line_model, scene_of
 from mpi4py import MPI
 from runs import full_model, quick_return, samples
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import driven
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 
 RUN = ("simulation.duration=0.05", "simulation.step=1e-3")
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from runs import full_model, history, reduced_model, samples
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 from scenes import PENDULUM, slider_crank
 
 MODES = (

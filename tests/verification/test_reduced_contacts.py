@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from runs import reduced_model, samples
 
-from pgmp_petsc.dynamics import generalised_alpha
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.laws import STOP as STOPS
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.stepping import generalised_alpha
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
+from pgmp_petsc.stepping.status import Outcome, Status
 from scenes import slider_crank
 
 MODES = (

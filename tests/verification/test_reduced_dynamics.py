@@ -19,13 +19,13 @@ from runs import (
     samples,
 )
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.reduced_energy import reduced_energy
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
+from pgmp_petsc.reduced.energy import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import RADIUS, slider_crank
 
 SHARES = (0.9, 1.0, 1.1)

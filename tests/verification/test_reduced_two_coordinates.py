@@ -6,8 +6,8 @@ import numpy as np
 from runs import full_model, history, reduced_model, samples
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.reduced_energy import reduced_energy
+from pgmp_petsc.reduced.energy import reduced_energy
+from pgmp_petsc.stepping.generalised_alpha import integrate
 
 SETTINGS = (
     "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=12",

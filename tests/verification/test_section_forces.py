@@ -13,7 +13,6 @@ from runs import full_model, reduced_model, rom_of
 from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -24,6 +23,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.design_figures import Question
 from pgmp_petsc.studies.goals import read_goal
 from pgmp_petsc.studies.optimization import optimize

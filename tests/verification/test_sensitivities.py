@@ -13,7 +13,6 @@ from runs import reduced_model
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.gradients.differentiated import ObservedChanges, differentiate
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel
@@ -21,6 +20,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import PENDULUM, slider_crank
 
 MODES = (
@@ -87,7 +87,9 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
     eta[:, :2] += np.linspace(0.0, 0.5, 20)[:, None]
     closed, newton = [], LoopClosure.newton
     monkeypatch.setattr(LoopClosure, "newton", lambda self, *given: closed.append(1) or newton(self, *given))
-    observed = ObservedChanges(model, model.scene.values, State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0)))
+    observed = ObservedChanges(
+        model, model.scene.values, State(eta, np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
+    )
     assert len(closed) == 2
     found = observed.outputs
     for name in model.scene.parameters:

@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 from spatial import arm, bars_of, slider_crank_in_space
 
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 TABLE = "table=[[0.0, 0.0], [0.03, 6.0], [1.0, 6.0]]"

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 from runs import reduced_model
 
-from pgmp_petsc.indicator.sampled_load import jump_remarks
+from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import Remark

@@ -13,8 +13,6 @@ from mpi4py import MPI
 from runs import full_model, reduced_model
 from two_coordinates import DOUBLE_PENDULUM
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
@@ -22,6 +20,8 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
 

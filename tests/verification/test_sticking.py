@@ -8,11 +8,11 @@ from effect_scenes import BLOCK, run_distributed, scene_of
 from runs import built_rom, full_model, reduced_model, samples
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 
 LIMIT, SPEED, PUSH, RATE = 1.0, 1e-3, 1.6, 2.0 * np.pi * 4.0
 SLIDER = BLOCK.replace(
@@ -225,10 +225,13 @@ def test_what_sticks_in_one_lane_changes_no_other(kind: str) -> None:
     np.testing.assert_array_equal(together, turned[:, ::-1])
 
 
-PENDULUM = HINGE.replace("harmonic = { amplitude = 0.6, frequency_hz = 5.0 }", "table = [[0.0, 0.0]]") + """
+PENDULUM = (
+    HINGE.replace("harmonic = { amplitude = 0.6, frequency_hz = 5.0 }", "table = [[0.0, 0.0]]")
+    + """
 [effects.weight]
 type = "gravity"
 """
+)
 
 
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4])

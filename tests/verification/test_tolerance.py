@@ -13,12 +13,12 @@ from pgmp_petsc.bench.cases import Table
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.bench.step_choice import settle_step
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 from scenes import RADIUS
 
 SHARES = np.array([0.72, 0.91, 1.13, 1.27])  # of the nominal radius; three standard deviations are 0.7 and 1.3

@@ -11,10 +11,10 @@ from mpi4py import MPI
 
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 TOLERANCE = 1e-2
 # what is not looked at here: the search over families and angles is that of beams

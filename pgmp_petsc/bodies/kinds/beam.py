@@ -102,7 +102,7 @@ class Beam(Body):
 
     @property
     def _turns(self) -> np.ndarray:
-        """What turns the elements, row by row: directions, or axes."""
+        """Rotations of the elements, row by row: directions, or axes."""
         return self.directions if self.planar else self.axes
 
     def stresses(self, scene: Scene) -> BeamStresses:

@@ -1,4 +1,4 @@
-"""What a scene says that cannot be meant, which is refused, and what probably is not, which is warned of."""
+"""Plausibility of a scene: impossible entries are refused, doubtful ones lead to a warning."""
 
 from pgmp_petsc.studies.plausibility.check import plausibility
 

@@ -38,7 +38,7 @@ from pgmp_petsc.studies.plausibility.bodies import (
 )
 from pgmp_petsc.studies.plausibility.loads import load_findings, motion_findings, stop_findings
 
-SEVERAL, SHOWN = 3, 6  # findings that are told as one, and entries of them that are named
+SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 

@@ -1,0 +1,409 @@
+"""The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out.
+
+The tables are those that `reduced.terms` interpolates, as samples or spline coefficients; the rigid inertia is
+in the polynomials of degree 7 that the compiled kernel takes. Poses come from the table of the assembly branch.
+
+What a model in C does not have, named by its entry in the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.c_export.statements import (
+    ActionInC,
+    Output,
+    StatementInC,
+    action_in_c,
+    closure_of,
+    coordinates_of,
+    output_in_c,
+)
+from pgmp_petsc.declare.ideas import OUTPUTS
+from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
+from pgmp_petsc.mechanism.continuation import PoseBranch
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduced import steps as reduced_steps
+from pgmp_petsc.reduced.actions import nodes_of
+from pgmp_petsc.reduction.interpolation import Interpolant
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.served_range import Served
+from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
+from pgmp_petsc.results.estimates import limits_of
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.uses import uses_of, velocity_names
+from pgmp_petsc.stepping import alpha_step, edge_search
+from pgmp_petsc.stepping.generalised_alpha import count_steps
+from pgmp_petsc.stepping.second_order_system import Scheme
+
+# Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
+# to six where loads set in with a jump (tests/verification/test_exported.py, in space).
+CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
+# Of all three attempts at a step.
+MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
+CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
+MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
+
+
+@dataclass(frozen=True)
+class Along:
+    """The cells and rows of a table along a coordinate."""
+
+    lower: float
+    step: float
+    n_cells: int
+    n_rows: int
+    periodic: bool
+    b_spline: bool = False
+
+    @classmethod
+    def of(cls, axis: Axis) -> Along:
+        """Return those of an interpolant's axis."""
+        return cls(axis.lower, axis.step, axis.n_cells, count_rows(axis), axis.periodic, axis.basis == B_SPLINE)
+
+
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """All that a model in C is made of.
+
+    Attributes
+    ----------
+    name
+        Of the scene.
+    settings
+        Whole numbers and numbers of ``sizes.h`` by name.
+    tables
+        Arrays of ``tables.c`` by name.
+    axes
+        Of the tables' coordinates, by name.
+    weights, load_weights
+        Monomials of the terms and of the load terms.
+    laws
+        Parameters of the laws of the local effects.
+    parameters
+        Nominal values, or those that were set, by name.
+    served
+        Ranges that the model was built for, by name.
+    strengths, motions
+        Pieces over time of what loads and drives, by the effect's name, and of the coordinates, none of a free one.
+    load_of_term, strength_of_load
+        Number of the load of each load term, and of the strength of each load.
+    coordinate_names
+        Of the rigid coordinates.
+    coordinates, closure, closure_wanted
+        What measures the coordinates, what holds the bodies together, and the values that this has.
+    actions, action_slots
+        Local effects, and the slots of their nodes.
+    outputs
+        By name.
+    output_units, strength_units, parameter_units
+        By name; empty where nothing says which.
+    node_bodies
+        Body of every node of the tables.
+    """
+
+    name: str
+    settings: Mapping[str, int | float]
+    tables: Mapping[str, np.ndarray]
+    axes: Mapping[str, Sequence[Along]]
+    weights: tuple[Monomial, ...]
+    load_weights: tuple[Monomial, ...]
+    laws: Sequence[Sequence[Quantity]]
+    parameters: Mapping[str, float]
+    served: Mapping[str, Served]
+    strengths: Mapping[str, Sequence[Piece]]
+    motions: Sequence[Sequence[Piece]]
+    load_of_term: Sequence[int]
+    strength_of_load: Sequence[int]
+    coordinate_names: Sequence[str]
+    coordinates: Sequence[StatementInC]
+    closure: Sequence[StatementInC]
+    closure_wanted: Sequence[float]
+    actions: Sequence[ActionInC]
+    action_slots: Sequence[int]
+    outputs: Mapping[str, Output]
+    output_units: Mapping[str, str]
+    strength_units: Mapping[str, str]
+    parameter_units: Mapping[str, str]
+    node_bodies: Sequence[int]
+
+    @property
+    def free(self) -> list[str]:
+        """Names of the coordinates, rigid and flexible, whose motion is not given."""
+        rigid = [name for name, motion in zip(self.coordinate_names, self.motions) if not motion]
+        return [*rigid, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
+
+
+def constants_of(model: ReducedModel, what: str) -> Constants:
+    """Collect the constants of a reduced model.
+
+    Parameters
+    ----------
+    what
+        What is to be written, for messages.
+
+    Raises
+    ------
+    InputError
+        If the model has what a model in C does not have, or tables too large for a source file.
+    """
+    scene = checked_scene(model.scene, what)
+    if scene is not model.scene:
+        model = ReducedModel(scene, model.rom, model.kinematics)
+    terms, kinematics = model.terms, model.kinematics
+    actions, mechanism = model.actions.actions, kinematics.mechanism
+    held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.connection.sides)}
+    nodes = sorted({*model.outputs.nodes, *held, *driven})
+    slots = {node: slot for slot, node in enumerate(nodes)}
+    bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
+    effects = {effect.name: effect for effect in model.effects}
+    loads = list(dict.fromkeys(terms.tables.load_effects))
+    over_time = {name: effects[name].strength for name in loads}
+    over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
+    places, winding = model.actions.rigid, model.actions.places.winding
+    closure, wanted = closure_of(kinematics)
+    tables = _tables(model, nodes, places)
+    _check_size(tables, what)
+    first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
+    counts = {
+        "N_LOADS": len(loads),
+        "N_STRENGTHS": len(over_time),
+        "N_NODES": len(nodes),
+        "N_ACTIONS": len(actions),
+        "N_ACTION_NODES": len(held),
+        "N_CLOSURE": len(closure),
+        "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
+        "N_EDGES": first_edges[-1],
+        "MOST_EDGES": max([0, *(len(action.law.edges) for action in actions)]),
+        "RUBS": int(any(action.law.about_zero for action in actions)),
+    }
+    return Constants(
+        name=scene.name,
+        settings={**_sizes(model, tables), **counts, **_steps(model)},
+        tables=tables,
+        axes=_axes(model, places),
+        weights=terms.weights,
+        load_weights=terms.tables.load_weights,
+        laws=[action.parameters for action in actions],
+        parameters=tunable(scene),
+        served=model.served,
+        strengths={name: function.pieces for name, function in over_time.items()},
+        motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
+        load_of_term=[loads.index(name) for name in terms.tables.load_effects],
+        strength_of_load=[list(over_time).index(name) for name in loads],
+        coordinate_names=[c.name for c in kinematics.coordinates],
+        coordinates=coordinates_of(kinematics, slots),
+        closure=closure,
+        closure_wanted=wanted,
+        actions=[
+            action_in_c(action, edge, held, slots, list(over_time), turns)
+            for action, edge, turns in zip(actions, first_edges, winding)
+        ],
+        action_slots=[slots[node] for node in held],
+        outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
+        output_units=model.outputs.units,
+        strength_units={name: _unit_of_strength(name, scene) for name in over_time},
+        parameter_units={name: _unit_of(name, scene) for name in tunable(scene)},
+        node_bodies=[int(bodies[node]) for node in nodes],
+    )
+
+
+def tunable(scene: Scene) -> dict[str, float]:
+    """Return the parameters that a model in C takes, with the values of the scene's run: lengths and places are fixed,
+    as its mechanism is made with them, and so are velocities at the start, which the model has before it takes any."""
+    fixed = {*length_names(scene), *velocity_names(scene).values()}
+    return {name: value for name, value in scene.values.items() if name not in fixed}
+
+
+def _unit_of_strength(name: str, scene: Scene) -> str:
+    """Return the unit of a strength; that of a load's part is a factor of its parameter."""
+    return scene.effects[name].strength_unit if name in scene.effects else "1"
+
+
+def _unit_of(name: str, scene: Scene) -> str:
+    """Return the SI unit of a parameter: what the scene says, or what the entries that name it take."""
+    used = (use.units for use in uses_of(scene) if use.parameter == name)
+    return scene.parameters[name].unit or next((units[0] for units in used if len(units) == 1), "")
+
+
+def _nodes(sides: Sequence) -> list[int]:
+    return [side.node for side in sides if not side.on_ground]
+
+
+def _pieces_of(model: ReducedModel, coordinate: int) -> Sequence[Piece]:
+    motion = model.motions.get(coordinate)
+    return () if motion is None else motion.angle.pieces
+
+
+def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:
+    terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.reduction.interpolation
+    flexible = [node for body in mechanism.bodies if body.flexible for node in range(body.nodes.start, body.nodes.stop)]
+    of_outputs, of_all = (Reconstruction(model.kinematics, model.rom, scheme, some) for some in (nodes, flexible))
+    d, n_dofs = mechanism.space.dimension, mechanism.space.n_dofs
+    turned = of_all.displacements.rows
+    turned = turned.reshape(*turned.shape[:-1], -1, n_dofs)[..., d:].reshape(*turned.shape[:-1], -1)
+    shapes = np.concatenate([of_outputs.displacements.rows, turned], axis=-1)
+    points = np.concatenate([body.mesh.nodes for body in mechanism.bodies])
+    return {
+        "rigid_table": terms.polynomials.rigid,
+        "terms_table": _flat(terms.terms.rows, 2),
+        "loads_table": np.swapaxes(_flat(terms.load.rows, 2), 0, 1),
+        "shapes_table": _flat(shapes, 2),
+        "branch_table": _branch(model.rom.branch, len(mechanism.bodies)),
+        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows, 1),
+        "scale": terms.scale,
+        "winding": model.rom.branch.winding,
+        "node_points": points[list(nodes)].reshape(-1, d),
+        "start_position": model.start[0],
+        "start_velocity": model.start[1],
+    }
+
+
+def _flat(rows: np.ndarray, n_axes: int) -> np.ndarray:
+    """Return rows of several coordinates one after the other; a value has so many axes."""
+    n_theta = rows.ndim - n_axes
+    return rows.reshape(math.prod(rows.shape[:n_theta]), *rows.shape[n_theta:])
+
+
+def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
+    """Return poses and derivatives (n_parts, n, n_bodies, n_pose): of one coordinate in units of the step, with half
+    the second one."""
+    n, r = len(branch.poses), len(branch.axes)
+    rates, curvatures = branch.rates.reshape(n, n_bodies, -1, r), branch.curvatures.reshape(n, n_bodies, -1, r, r)
+    if r == 1:
+        step = branch.axes[0][1] - branch.axes[0][0]
+        return np.array([branch.poses, rates[..., 0] * step, curvatures[..., 0, 0] * (0.5 * step**2)])
+    second = [curvatures[..., k, j] for k in range(r) for j in range(k + 1)]
+    return np.array([branch.poses, *(rates[..., k] for k in range(r)), *second])
+
+
+def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Along]]:
+    terms, periodic = model.terms, [c.periodic for c in model.kinematics.coordinates]
+    fine = [Along(0.0, 1.0, 1, 1, False)] * len(periodic) if places is None else [Along.of(a) for a in places.axes]
+    return {
+        "axes": [Along.of(axis) for axis in terms.terms.axes],
+        "rigid_axes": [Along(axis.lower, axis.step, axis.n_cells, 0, axis.periodic) for axis in terms.grid],
+        "fine_axes": fine,
+        "branch_axes": [
+            Along(float(axis[0]), float(axis[1] - axis[0]), axis.size - 1, axis.size, turns)
+            for axis, turns in zip(model.rom.branch.axes, periodic)
+        ],
+    }
+
+
+def _check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
+    size = sum(table.size for table in tables.values())
+    if size > MOST_NUMBERS:
+        raise InputError(
+            f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. Build with fewer "
+            "reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
+        )
+
+
+def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, int | float]:
+    terms, branch = model.terms, model.rom.branch
+    layout = terms.layout
+    return {
+        "R": len(layout.rigid),
+        "M": layout.n_eta - len(layout.rigid),
+        "D": model.kinematics.mechanism.space.dimension,
+        "SECOND_ORDER": int(layout.second_order),
+        "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
+        "QUADRATIC": int(layout.quadratic),
+        "N_ROWS": len(tables["terms_table"]),
+        "N_CELLS": math.prod(axis.n_cells for axis in terms.grid),
+        "N_TERMS": len(terms.weights),
+        "N_LOAD_TERMS": len(terms.tables.load_weights),
+        "N_PARAMETERS": len(tunable(model.scene)),
+        "N_OUTPUTS": len(model.scene.outputs),
+        "READS_RATES": int(model.outputs.n_rates > 0),
+        "N_SHAPES": tables["shapes_table"].shape[2],
+        "N_BODIES": tables["branch_table"].shape[2],
+        "N_BRANCH_PARTS": len(tables["branch_table"]),
+        "N_BRANCH": tables["branch_table"].shape[1],
+        "BRANCH_IS_EXACT": int(branch.is_exact),
+        "N_FINE": len(tables["actions_table"]),
+        "N_ACTION_ENTRIES": tables["actions_table"].shape[1],
+        "SIZE": float(model.kinematics.size),
+        "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
+        "ROTATION_LIMIT": limits_of(model.scene.second_order)["elastic_rotation"],
+    }
+
+
+def _steps(model: ReducedModel) -> dict[str, int | float]:
+    """Return the settings of steps and iterations; the latter are the program's own."""
+    simulation = model.scene.simulation
+    n_steps = count_steps(simulation.duration, simulation.step)
+    step = simulation.duration / n_steps
+    scheme = Scheme.of(simulation.spectral_radius, step)
+    return {
+        "N_STEPS": n_steps,
+        "STEP": step,
+        "ALPHA_M": scheme.alpha_m,
+        "ALPHA_F": scheme.alpha_f,
+        "BETA": scheme.beta,
+        "GAMMA": scheme.gamma,
+        "CORRECTIONS": CORRECTIONS,
+        "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
+        "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
+        "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
+        "CLOSURES": CLOSURES,
+        "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
+        "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
+        "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
+        "MAX_EVENTS": edge_search.MAX_EVENTS,
+        "SHORTEST": edge_search.SHORTEST,
+        "TIME_TOLERANCE": edge_search.TIME_TOLERANCE,
+        "MAX_TRIALS": edge_search.MAX_TRIALS,
+        "LONGEST": alpha_step.LONGEST,
+        "ROUND_OFF": alpha_step.ROUND_OFF,
+        "PROBED_EVERY": alpha_step.PROBED_EVERY,
+        "CAUTION": alpha_step.CAUTION,
+        "FIRST_CONTRACTION": alpha_step.FIRST_CONTRACTION,
+        "LEAST_CONTRACTION": alpha_step.LEAST_CONTRACTION,
+        "WORST_CONTRACTION": alpha_step.WORST_CONTRACTION,
+    }
+
+
+def checked_scene(scene: Scene, what: str) -> Scene:
+    """Return a scene without the outputs that a model in C does not have; raise `InputError` if it asks for more.
+
+    Parameters
+    ----------
+    what
+        What is to be written, for the message.
+    """
+    for entry, text in _of_scene(scene):
+        raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
+    left = {name: output for name, output in scene.outputs.items() if output.reads != "stresses"}
+    return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
+
+
+def left_out(scene: Scene) -> str:
+    """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
+    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if entry.reads == "stresses"]
+    if not lacking:
+        return ""
+    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.reads != "stresses")
+    return f"note: {', '.join(lacking)} left out: a model in C has {having}; pgmp simulate has all outputs"
+
+
+def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
+    if len(scene.coordinates) > MOST_COORDINATES:
+        yield "coordinates", f"a model in C has one or two rigid coordinates, not {len(scene.coordinates)}"
+    if scene.fields:
+        yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
+    if scene.initial.equilibrium:
+        yield "initial.equilibrium", "a model in C starts undeformed"
+    if scene.simulation.tolerance is not None:
+        yield "simulation.tolerance", "the step of a model in C is a constant; give simulation.step in the build"

@@ -1,0 +1,259 @@
+"""``modelDescription.xml`` of a functional mock-up unit: FMI 2.0 and 3.0, co-simulation and model exchange.
+
+The variables of a functional mock-up unit, whichever version of FMI describes them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from pgmp_petsc import __version__
+from pgmp_petsc.c_export.constants import Constants
+from pgmp_petsc.scene.units import measure
+
+# value references, as in unit.h
+BLOCK = 1_000_000
+PARAMETERS, STRENGTHS, OUTPUTS, FOLLOWS, STATES, DERIVATIVES = (k * BLOCK for k in (0, 1, 2, 4, 5, 6))
+ELASTIC_ROTATION, CORRECTION, VALIDITY, VALID, TIME = range(3 * BLOCK, 3 * BLOCK + 5)
+REAL, WHOLE, BOOLEAN = "real", "whole", "Boolean"
+FLAGS = (
+    "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 a step that "
+    "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for"
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable: name, value reference, kind (`REAL`, `WHOLE`, `BOOLEAN`), what FMI says of it, and a description.
+
+    Attributes
+    ----------
+    start
+        Value at the start, of what can be set.
+    derivative_of
+        Reference of the state whose derivative it is.
+    unit
+        SI unit, empty where there is none.
+    low, high
+        Ends of the range that it is in, or that the model was built for; infinite where there are none.
+    """
+
+    name: str
+    reference: int
+    kind: str
+    causality: str
+    variability: str
+    about: str
+    start: str = ""
+    derivative_of: int | None = None
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def is_state(self) -> bool:
+        """Whether it is a continuous state."""
+        return STATES <= self.reference < DERIVATIVES
+
+
+def quoted(name: str) -> str:
+    """Return a name as structured names of FMI have it: one that is no identifier in quotes."""
+    return name if re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII) else f"'{name}'"
+
+
+def variables_of(constants: Constants) -> list[Variable]:
+    """Return the variables of a model, the independent one left out."""
+    # values are in SI units; a scene's own unit is one of its numbers only
+    found = []
+    for k, (name, value) in enumerate(constants.parameters.items()):
+        served, unit = constants.served.get(name), constants.parameter_units[name]
+        low, high = (-math.inf, math.inf) if served is None else (min(served.low, value), max(served.high, value))
+        about = "SI units" if served is None else "SI units; from min to max the model was built for"
+        setting = "parameter", "tunable", about, repr(float(value)), None
+        found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
+    for k, (name, unit) in enumerate(constants.strength_units.items()):
+        about = "strength at the end of a step, where it does not follow the scene"
+        setting = "input", "continuous", about, "0.0", None
+        found.append(Variable(f"effects.{quoted(name)}", STRENGTHS + k, REAL, *setting, unit))
+        about = "whether the strength is the scene's over time, and the input is not looked at"
+        follows = f"effects.{quoted(f'{name}_follows_scene')}"
+        found.append(Variable(follows, FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true"))
+    for k, name in enumerate(constants.outputs):
+        unit = constants.output_units[name]
+        found.append(
+            Variable(f"outputs.{quoted(name)}", OUTPUTS + k, REAL, "output", "continuous", f"in {unit}", unit=unit)
+        )
+    about = "largest rotation of a node less that of its rigid body"
+    found.append(
+        Variable("elastic_rotation", ELASTIC_ROTATION, REAL, "output", "continuous", about, unit="rad", low=0.0)
+    )
+    about = (
+        "what Newton's iteration left in the last step, estimated, in units of the mechanism's size or of 1 rad; 0 in "
+        "model exchange"
+    )
+    found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
+    found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=31))
+    found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
+    return [*found, *_states(constants)]
+
+
+def _states(constants: Constants) -> list[Variable]:
+    """Return the states of model exchange, positions and rates of what is free, and their derivatives."""
+    free, found = constants.free, []
+    n_rigid = len(free) - constants.settings["M"]
+    inside = [*map(quoted, free[:n_rigid]), *free[n_rigid:]]
+    names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
+    # modal coordinates have units of their own
+    units = [unit if k < n_rigid else "" for unit in ("rad", "rad/s", "rad/s2") for k in range(len(free))]
+    for k, name in enumerate(names):
+        about = "rad or a modal coordinate" if k < len(free) else "rate of a state"
+        found.append(Variable(name, STATES + k, REAL, "local", "continuous", about, unit=units[k]))
+    for k, name in enumerate(names):
+        about, setting = "derivative of a state", (REAL, "local", "continuous")
+        unit = units[k + len(free)]
+        found.append(Variable(f"der({name})", DERIVATIVES + k, *setting, about, "", STATES + k, unit))
+    return found
+
+
+CATEGORIES = ("logStatusWarning", "logStatusError")
+KINDS = {
+    2: {REAL: "Real", WHOLE: "Integer", BOOLEAN: "Boolean"},
+    3: {REAL: "Float64", WHOLE: "Int32", BOOLEAN: "Boolean"},
+}
+
+
+def description(constants: Constants, version: int, identifier: str, token: str, sources: Sequence[str]) -> bytes:
+    """Return modelDescription.xml.
+
+    Parameters
+    ----------
+    version
+        Of FMI, 2 or 3.
+    identifier
+        Name of the library.
+    token
+        What an importer shows at instantiation.
+    sources
+        Files to be compiled; for FMI 3.0 they are in `build_description`.
+    """
+    step, n_steps = constants.settings["STEP"], constants.settings["N_STEPS"]
+    root = Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": f"{version}.0",
+            "modelName": constants.name,
+            "guid" if version == 2 else "instantiationToken": token,
+        },
+        generationTool=f"pgmp_petsc {__version__}",
+        variableNamingConvention="structured",
+    )
+    exchange = SubElement(root, "ModelExchange", modelIdentifier=identifier)
+    simulation = SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="false"
+    )
+    if version == 2:
+        root.set("numberOfEventIndicators", "0")
+        for kind in (exchange, simulation):
+            kind.set("canNotUseMemoryManagementFunctions", "true")
+            files = SubElement(kind, "SourceFiles")
+            for name in sources:
+                SubElement(files, "File", name=name)
+    else:
+        simulation.set("fixedInternalStepSize", repr(step))
+    variables = variables_of(constants)
+    _define_units(root, sorted({variable.unit for variable in variables} - {""} | {"s"}))
+    categories = SubElement(root, "LogCategories")
+    for name in CATEGORIES:
+        SubElement(categories, "Category", name=name)
+    SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(step * n_steps), stepSize=repr(step))
+    (_describe_2 if version == 2 else _describe_3)(root, variables)
+    return _text(root)
+
+
+def build_description(identifier: str, sources: Sequence[str]) -> bytes:
+    """Return sources/buildDescription.xml of FMI 3.0."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    files = SubElement(
+        SubElement(root, "BuildConfiguration", modelIdentifier=identifier), "SourceFileSet", language="C99"
+    )
+    for name in sources:
+        SubElement(files, "SourceFile", name=name)
+    return _text(root)
+
+
+def _text(root: Element) -> bytes:
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _define_units(root: Element, units: Sequence[str]) -> None:
+    """Define units by their exponents of kg, m, s and rad, which is a number where scenes calculate."""
+    definitions = SubElement(root, "UnitDefinitions")
+    for unit in units:
+        _, exponents = measure(unit)
+        above, _, below = unit.partition("/")
+        turns = above.split().count("rad") - below.split().count("rad")
+        known = dict(zip(("kg", "m", "s", "rad"), (*exponents, turns)))
+        base = {name: str(int(exponent)) for name, exponent in known.items() if exponent != 0}
+        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
+
+
+def _numbers(variable: Variable) -> dict[str, str]:
+    """Return unit, range and value at the start of a variable, as far as it has them."""
+    found = {"unit": variable.unit} if variable.unit else {}
+    found |= {key: str(end) for key, end in (("min", variable.low), ("max", variable.high)) if math.isfinite(end)}
+    return found | ({"start": variable.start} if variable.start else {})
+
+
+def _attributes(variable: Variable) -> dict[str, str]:
+    return {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "description": variable.about,
+    }
+
+
+def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
+    entries = SubElement(root, "ModelVariables")
+    numbers = {variable.reference: k + 1 for k, variable in enumerate(variables)}
+    for variable in variables:
+        entry = SubElement(entries, "ScalarVariable", _attributes(variable))
+        if variable.is_state:
+            entry.set("initial", "calculated")
+        value = SubElement(entry, KINDS[2][variable.kind], _numbers(variable))
+        if variable.derivative_of is not None:
+            value.set("derivative", str(numbers[variable.derivative_of]))
+    structure = SubElement(root, "ModelStructure")
+    for section, listed in _structure(variables).items():
+        part = SubElement(structure, section)
+        for variable in listed:
+            SubElement(part, "Unknown", index=str(numbers[variable.reference]))
+
+
+def _describe_3(root: Element, variables: Sequence[Variable]) -> None:
+    entries = SubElement(root, "ModelVariables")
+    time = Variable("time", TIME, REAL, "independent", "continuous", "time", unit="s")
+    for variable in (time, *variables):
+        entry = SubElement(entries, KINDS[3][variable.kind], _attributes(variable) | _numbers(variable))
+        if variable.is_state:
+            entry.set("initial", "calculated")
+        if variable.derivative_of is not None:
+            entry.set("derivative", str(variable.derivative_of))
+    structure = SubElement(root, "ModelStructure")
+    names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
+    for section, listed in _structure(variables).items():
+        for variable in listed:
+            SubElement(structure, names[section], valueReference=str(variable.reference))
+
+
+def _structure(variables: Sequence[Variable]) -> dict[str, list[Variable]]:
+    outputs = [variable for variable in variables if variable.causality == "output"]
+    derivatives = [variable for variable in variables if variable.derivative_of is not None]
+    unknown = [v for v in variables if v.causality == "output" or v.is_state or v.derivative_of is not None]
+    return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": unknown}

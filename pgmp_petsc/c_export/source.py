@@ -1,0 +1,214 @@
+"""The files of a model in C: what is the same for all models, and sizes and tables of this one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc import __version__
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.c_export.constants import Along, Constants
+from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC
+from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.mechanism.statements import CODE, KINDS
+from pgmp_petsc.runtime.claims import check_output, locked
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.files import replacing
+
+PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
+COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part != "statements"), "main.c")
+HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
+PER_LINE = 6
+
+
+def sources_of(constants: Constants) -> dict[str, str]:
+    """Return the text of every file of a model in C by its name."""
+    return {
+        **{name: read_common(name) for name in COMMON},
+        "statements.c": f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n{CODE.C}',
+        "sizes.h": _sizes(constants),
+        "tables.c": _tables(constants),
+    }
+
+
+def read_common(name: str) -> str:
+    """Return the text of a file that is the same for all models."""
+    return files("pgmp_petsc.c_export").joinpath("c", name).read_text(encoding="utf-8")
+
+
+def write_sources(constants: Constants, folder: str | Path) -> int:
+    """Write a model in C into a folder, made if there is none, and return the number of bytes; one process.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made, or a file in it is not of this program.
+    RunError
+        If the system fails to write.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"output folder '{folder}' is a file; give the name of a folder, or of an FMU, NAME.fmu")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"output folder '{folder}' cannot be made: {error.strerror}") from error
+    texts = sources_of(constants)
+    with locked(folder / "model.c", f"output folder '{folder}'"):  # files of two models make none
+        for name in texts:
+            check_output(folder / name, "code")
+        for name, text in texts.items():
+            with replacing(folder / name) as partial:
+                try:
+                    partial.write_text(text, encoding="utf-8")
+                except UnicodeError as error:
+                    raise RunError(f"output file '{folder / name}' could not be written: {error}") from error
+    return sum(len(text.encode()) for text in texts.values())
+
+
+def _sizes(constants: Constants) -> str:
+    lines = [f"#define {name} {_number(value)}" for name, value in constants.settings.items()]
+    lengths = " || ".join(f"(kind) == {kind.name}" for kind in KINDS if kind.unit == "m")
+    lines += [f"enum {{ {', '.join(kind.name for kind in KINDS)} }};", f"#define IS_LENGTH(kind) ({lengths})"]
+    return HEAD + "#ifndef PGMP_SIZES_H\n#define PGMP_SIZES_H\n\n" + "\n".join(lines) + "\n\n#endif\n"
+
+
+def _number(value: float) -> str:
+    """Return a number that C reads back to the last bit; infinite ones become the largest there are."""
+    if isinstance(value, (int, np.integer)):
+        return f"({value})" if value < 0 else str(value)
+    text = repr(float(np.clip(value, -1.7e308, 1.7e308)))
+    return f"({text})" if value < 0 else text
+
+
+def _array(values: np.ndarray) -> str:
+    """Return nested braces around the numbers of an array."""
+    if values.ndim == 1:
+        numbers = [repr(x) for x in values.tolist()]
+        rows = [", ".join(numbers[k : k + PER_LINE]) for k in range(0, len(numbers), PER_LINE)]
+        return "{" + ",\n".join(rows) + "}"
+    return "{" + ",\n".join(_array(row) for row in values) + "}"
+
+
+def _tables(constants: Constants) -> str:
+    dimensions = {
+        "rigid_table": "[N_CELLS][N_TERMS][PACKED(R) * RIGID_POWERS]",
+        "terms_table": "[N_ROWS][N_TERMS][END]",
+        "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
+        "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
+        "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
+        "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
+        "scale": "[]",
+        "winding": "[R][N_BODIES]",
+        "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
+        "start_position": "[R]",
+        "start_velocity": "[R]",
+    }
+    parts = ['#include "tables.h"\n\n#include <math.h>\n']
+    for name, shape in dimensions.items():
+        table = constants.tables[name]
+        parts.append(f"const double {name}{shape} = {_array(table) if table.size else '{0}'};\n")
+    names, served = list(constants.parameters), constants.served
+    lower = [served[name].low if name in served else -math.inf for name in names]
+    upper = [served[name].high if name in served else math.inf for name in names]
+    parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
+    parts += [
+        _strings("pgmp_parameter_names", names),
+        _strings("pgmp_strength_names", constants.strengths),
+        _strings("pgmp_output_names", constants.outputs),
+        _listed("const int pgmp_prescribed[R]", (str(int(len(motion) > 0)) for motion in constants.motions)),
+        _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
+        _listed("const double parameter_lower[]", map(_number, lower)),
+        _listed("const double parameter_upper[]", map(_number, upper)),
+        _listed("const double closure_wanted[]", map(_number, constants.closure_wanted)),
+        _listed("const int load_of_term[]", map(str, constants.load_of_term)),
+        _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
+        _listed("const int node_bodies[]", map(str, constants.node_bodies)),
+        _listed("const int action_nodes[]", map(str, constants.action_slots)),
+        _pieces([*constants.strengths.values(), *constants.motions]),
+        _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
+        _listed("const struct statement closure[]", map(_statement, constants.closure), "{0}"),
+        _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
+        *dict.fromkeys(action.law.code.C for action in constants.actions),
+        _listed("const struct action actions[]", map(_action, constants.actions), "{0}"),
+        _weigh(constants),
+    ]
+    return HEAD + "\n".join(parts)
+
+
+def _listed(declaration: str, entries: Iterable[str], none: str = "0") -> str:
+    """Return a list of entries; C has no empty ones."""
+    return f"{declaration} = {{{', '.join(entries) or none}}};"
+
+
+def _strings(name: str, values: Iterable[str]) -> str:
+    return _listed(f"const char *const {name}[]", (f'"{value}"' for value in values))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return f"{{{', '.join(_number(float(value)) for value in values)}}}"
+
+
+def _axis(axis: Along) -> str:
+    whole = f"{axis.n_cells}, {axis.n_rows}, {int(axis.periodic)}, {int(axis.b_spline)}"
+    return f"{{{_number(axis.lower)}, {_number(axis.step)}, {whole}}}"
+
+
+def _pieces(functions: Sequence[Sequence[Piece]]) -> str:
+    firsts, rows = [0], []
+    for pieces in functions:
+        for piece in pieces:
+            cubic = _numbers((*piece.cubic, 0.0, 0.0, 0.0, 0.0)[:4])
+            begin, origin = (_number(float(time)) for time in (piece.begin, piece.origin))
+            rows.append(f"{{{begin}, {origin}, {cubic}, {_numbers(piece.wave)}}}")
+        firsts.append(len(rows))
+    return (
+        _listed("const int function_pieces[]", map(str, firsts))
+        + "\n"
+        + _listed("const struct piece pieces[]", rows, "{0}")
+    )
+
+
+def _side(side: Side) -> str:
+    return f"{{{side.slot}, {side.body}, {_numbers(side.point)}, {_numbers(side.arm)}}}"
+
+
+def _statement(part: StatementInC) -> str:
+    directions = ", ".join(_numbers(axis) for axis in part.statement.axes)
+    return f"{{{part.statement.kind}, {_numbers(part.turns)}, {{{directions}}}, {_side(part.a)}, {_side(part.b)}}}"
+
+
+def _output(output: Output) -> str:
+    where = f"{output.kind}, {output.axis}, {int(output.in_body)}, {int(output.rate)}, {_number(output.origin)}"
+    return f"{{{where}, {_statement(output.statement)}}}"
+
+
+def _action(action: ActionInC) -> str:
+    numbers = (*action.nodes, action.strength, action.edge, len(action.law.edges))
+    who = ", ".join(map(str, (*numbers, f"law_{action.law.name}")))
+    return f"{{{who}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
+
+
+def _weigh(constants: Constants) -> str:
+    """Return the function that evaluates the monomials."""
+    numbers = {name: k for k, name in enumerate(constants.parameters)}
+    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]) {"]
+    lines.append("    (void)p, (void)terms, (void)loads, (void)laws;")
+    for into, monomials in (("terms", constants.weights), ("loads", constants.load_weights)):
+        lines += [f"    {into}[{k}] = {_monomial(weight, numbers)};" for k, weight in enumerate(monomials)]
+    for k, law in enumerate(constants.laws):
+        for i, quantity in enumerate(law):
+            value = f"{_number(float(quantity.coefficient))} * {_monomial(quantity.monomial, numbers)}"
+            lines.append(f"    laws[{k}][{i}] = {value};")
+    return "\n".join([*lines, "}", ""])
+
+
+def _monomial(monomial: Monomial, numbers: Mapping[str, int]) -> str:
+    """Return a product of powers in C."""
+    factors = [f"p[{numbers[name]}]" if e == 1 else f"pow(p[{numbers[name]}], {e})" for name, e in monomial.powers]
+    return " * ".join(factors) or "1.0"

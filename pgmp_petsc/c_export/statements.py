@@ -1,0 +1,121 @@
+"""Points, statements, local effects and outputs as a model in C takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.law import Law
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joint_turns import JointTurns
+from pgmp_petsc.mechanism.joints import Connection
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.statements import Statement, distance
+from pgmp_petsc.models import ReducedModel
+
+
+@dataclass(frozen=True)
+class Side:
+    """A point of a body or of the ground: slot of its node, number of its body, and its place, `Attachment`."""
+
+    slot: int
+    body: int
+    point: tuple[float, ...]
+    arm: tuple[float, ...]
+
+    @classmethod
+    def of(cls, side: Attachment, slots: Mapping[int, int]) -> Side:
+        """Return an attachment; `slots` are those of the nodes in the tables."""
+        return cls(slots.get(side.node, -1), side.body, *(tuple(map(float, part)) for part in (side.point, side.arm)))
+
+
+@dataclass(frozen=True, eq=False)
+class StatementInC:
+    """A statement about two points; `turns` is what an angle is near to: offset and slopes of `JointTurns`."""
+
+    statement: Statement
+    a: Side
+    b: Side
+    turns: tuple[float, ...] = (0.0,)
+
+    @classmethod
+    def of_angle(
+        cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray, slots: Mapping[int, int]
+    ) -> StatementInC:
+        """Return the angle of a joint; see `outputs.readings.Reading`."""
+        turns = JointTurns.of(connection, kinematics, start) if kinematics.mechanism.space is SPATIAL else None
+        return cls(connection.angle, *(Side.of(side, slots) for side in connection.sides), _near(turns))
+
+
+@dataclass(frozen=True, eq=False)
+class ActionInC:
+    """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of
+    the first edge of its law among those of all."""
+
+    statement: StatementInC
+    nodes: tuple[int, int]
+    law: Law
+    strength: int
+    edge: int
+    winding: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """An output: kind, statement or point (side b), axis, whether that is one of the body, what counts as zero, and
+    whether it is the rate of all this."""
+
+    kind: str
+    statement: StatementInC
+    axis: int = 0
+    in_body: bool = False
+    origin: float = 0.0
+    rate: bool = False
+
+
+def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
+    """Return what measures the coordinates."""
+    start = np.zeros(kinematics.n_coordinates)  # of no account for coordinates
+    return [StatementInC.of_angle(c.connection, kinematics, start, slots) for c in kinematics.coordinates]
+
+
+def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[float]]:
+    """Return what holds the rigid bodies together, and the values that these statements have."""
+    mechanism = kinematics.mechanism
+    origin = np.zeros(mechanism.space.dimension)
+    parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
+    found = [StatementInC(part, *(Side.of(side, {}) for side in sides)) for part, sides in parts]
+    return found, [float(value) for value in wanted]
+
+
+def action_in_c(
+    action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
+    winding: np.ndarray,
+) -> ActionInC:  # fmt: skip
+    """Return a local effect; `nodes` are those of all of them, `strengths` the names of what acts over time."""
+    a, b = action.sides
+    return ActionInC(
+        StatementInC(action.statement, Side.of(a, slots), Side.of(b, slots)),
+        tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b)),
+        action.law,
+        -1 if action.amplitude is None else strengths.index(action.effect),
+        edge,
+        tuple(float(turns) for turns in winding),
+    )
+
+
+def output_in_c(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Output:
+    """Return an output; see `outputs.readings`."""
+    kinematics, reading = model.kinematics, model.outputs.functions[name]
+    a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
+    statement = reading.statement or distance(kinematics.mechanism.space.dimension)
+    in_c = StatementInC(statement, a, b, _near(reading.turns))
+    return Output(reading.kind, in_c, reading.axis, reading.in_body, reading.origin, reading.rate)
+
+
+def _near(turns: JointTurns | None) -> tuple[float, ...]:
+    return (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))

@@ -1,0 +1,240 @@
+"""The model in which reduced runs are checked: all unknowns that are left once continuum bodies are condensed.
+
+Bodies of beams are on their meshes. Condensed bodies are in floating frames (`bodies.floating`): exact in the rotation
+and in all that is quadratic in velocities, with every amplitude that they are condensed to. Equations, local effects
+and drives are those of full-order and component runs, and so are the unknowns.
+
+A reduced state gives these unknowns by (4) of Naets et al. 2015. Of a condensed body with unknowns y in the frame of
+its rigid pose, the small motion that is a rigid one moves the floating frame, and the rest are its amplitudes,
+
+    y = [rigid motions, modes] (s, xi).
+
+Where these are not quite the place and the amplitudes that belong to the body's frames, by terms of second order in the
+deformation, ties hold between both, and the error that is solved for has the difference.
+
+**The error from the residual** (`ErrorSystem`).
+
+With a motion ``q_r(t)`` of the unknowns, its velocities and its accelerations, ``q = q_r + e`` solves the full-order
+equations if
+
+    M(q) q'' + g(q, q') + C^T lambda = g_ext,     c(q) = 0,     e' = 0 at the start,
+
+with all that the model has in g: inner forces, those of velocities, damping and local effects.
+Runs start undeformed with e = 0. From static equilibrium each model starts in its own, and e is the difference.
+
+At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
+does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible part follows
+by its static answer and vibrates where it is driven at its own frequencies. Both come out of a time integration with
+the run's own steps, or longer ones (generalised-alpha, `schedule`). For the integrator the unknown is e.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pgmp_petsc.bodies.shape import in_floating_frame
+from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion
+from pgmp_petsc.estimates.sampled_load import SampledMotion, sampled_effects
+from pgmp_petsc.estimates.schedule import Schedule
+from pgmp_petsc.full.systems import FullBatch
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import ComponentModel, ReducedModel
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
+
+
+class CheckingModel:
+    """The model that a reduced model is checked against.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+
+    Attributes
+    ----------
+    full
+        Its equations.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_delta,), rad.
+    """
+
+    def __init__(self, model: ReducedModel) -> None:
+        scene, shapes = model.scene, {name: in_floating_frame(shape) for name, shape in model.meshes.items()}
+        self.full = ComponentModel(scene, shapes, model.kinematics)
+        mechanism = self.full.kinematics.mechanism
+        self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
+        rom = model.rom
+        if any(body.n_amplitudes for body in mechanism.bodies):
+            rom = _in_floating_frames(rom, model.kinematics.mechanism, mechanism)
+        self.rotations = _rotations(rom.projection, mechanism)
+        scheme, nodes = scene.reduction.interpolation, range(mechanism.n_nodes)
+        self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
+
+    def unknowns_of(self, eta: np.ndarray) -> np.ndarray:
+        """Return the unknowns, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
+        return self._reconstruction.unknowns(eta)
+
+    def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
+        """Return n samples."""
+        start = self.full.start_of_samples(values, n)
+        return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
+
+    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
+        """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""
+        instants = schedule.steps, step, schedule.interval
+        effects = sampled_effects(self._effects, *instants)
+        motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
+        return batch.under(effects, motions)
+
+    def equilibria(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> np.ndarray | None:
+        """Return the static equilibria that samples start from, NaN where there is none or it is not asked for.
+
+        Parameters
+        ----------
+        values
+            Parameter values, each of shape (n,).
+        samples
+            Mask of the samples that are asked for, shape (n,).
+
+        Returns
+        -------
+        ndarray or None
+            Shape (n_dofs, n); None where runs start undeformed.
+        """
+        if not self.full.scene.initial.equilibrium:
+            return None
+        chosen, n = {name: value[samples] for name, value in values.items()}, int(samples.sum())
+        if not n:
+            return np.full((1, samples.size), np.nan)
+        settled = self.full.settled(chosen, n)
+        found = np.full((len(settled.unknowns), samples.size), np.nan)
+        found[:, samples] = np.where(settled.lost, np.nan, settled.unknowns)
+        return found
+
+
+class ErrorSystem(SecondOrderSystem):
+    """Full-order equations about a reference motion; see `SecondOrderSystem`.
+
+    Parameters
+    ----------
+    full
+        Full-order model of the same samples, with its loads at the instants of the motion.
+    motion
+        Reference motion; its instant number k is that of the time ``k interval``.
+    interval
+        Step of the integration, s.
+    theta
+        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
+    equilibrium
+        Unknowns of the full-order static equilibrium that samples start from, shape (n_dofs, n_samples), NaN for those
+        that are never advanced; None where runs start undeformed.
+    """
+
+    def __init__(
+        self,
+        full: FullBatch,
+        motion: ReferenceMotion,
+        interval: float,
+        theta: np.ndarray,
+        equilibrium: np.ndarray | None = None,
+    ) -> None:
+        self.comm = full.comm
+        self.n_samples = full.n_samples
+        self._full = full
+        self._motion = motion
+        self._interval = interval
+        self._turns = full.pack(full.turns(theta))
+        self._equilibrium = equilibrium
+        self._number = -1
+        self.steps_at_once = full.steps_at_once
+
+    def start(self) -> State:
+        """Return the error of a start at equilibrium, or none.
+
+        The motion starts as the full-order model does, so there is no acceleration to speak of.
+        """
+        first = self._motion.at(0).q
+        rest = np.zeros_like(self._full.pack(first))
+        error = rest.copy()
+        if self._equilibrium is not None:
+            error = self._full.pack(np.nan_to_num(self._equilibrium - first))
+        multipliers = self._full.pack(np.zeros((self._full.n_constraints, self.n_samples)))
+        return State(error, rest, rest.copy(), multipliers, self._turns.copy())
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""
+        q, v, a = self._reference(time)
+        moved = State(q + state.q, v + state.v, a + state.a, state.multipliers, state.turns)
+        before = moved.q.copy(), moved.v.copy(), moved.a.copy()
+        size = self._full.correct(time, moved, scheme, active, fresh)
+        # by its change, so that a sample which is not active stays what it is to the last digit
+        state.q += moved.q - before[0]
+        state.v += moved.v - before[1]
+        state.a += moved.a - before[2]
+        return size
+
+    def begin_iteration(self) -> None:
+        """Take note that an iteration begins."""
+        self._full.begin_iteration()
+
+    def limited(self) -> np.ndarray:
+        """Return the samples of which a law was limited."""
+        return self._full.limited()
+
+    def take_steps(self, asked: StepsAsked) -> StepsTaken:
+        """Take steps of the error; see `FullBatch.take_steps`."""
+        first = round(asked.ends[0] / self._interval)
+        return self._full.take_steps(asked, self._motion.over(first, asked.ends.size))
+
+    def count_turns(self, state: State) -> None:
+        """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
+        self._full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
+
+    def _reference(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        number = round(time / self._interval)
+        if number != self._number:
+            instant = self._motion.at(number)
+            self._number, self._parts = number, tuple(self._full.pack(p) for p in (instant.q, instant.v, instant.a))
+        return self._parts
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        """Put samples back."""
+        self._full.restore(state, previous, samples)
+
+    restore_all = restore
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples fail; see `SecondOrderSystem.reasons`."""
+        return self._full.reasons(time, state, samples)
+
+    def unpack(self, array: np.ndarray) -> np.ndarray:
+        """Return a state's array as (n, n_samples)."""
+        return self._full.unpack(array)
+
+
+def _rotations(projection: np.ndarray, mechanism: Mechanism) -> np.ndarray:
+    """Return the largest rotations of frames in flexible vectors (n_samples, n_dofs, n_delta), shape (n_delta,)."""
+    space, n_samples = mechanism.space, len(projection)
+    nodal = projection[:, : space.n_dofs * mechanism.n_nodes].reshape(n_samples, mechanism.n_nodes, space.n_dofs, -1)
+    return np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
+
+
+def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:
+    """Return a reduced model with its flexible vectors in the unknowns of a mechanism whose condensed bodies have
+    floating frames."""
+
+    def moved(vectors: np.ndarray) -> np.ndarray:
+        found = np.zeros((len(vectors), full.n_dofs, vectors.shape[2]))
+        for body, other in zip(reduced.bodies, full.bodies):
+            found[:, other.dofs] = other.in_frame(vectors[:, body.dofs], body.node_dofs * body.n_nodes)
+        return found
+
+    curvature = None if rom.curvature is None else moved(rom.curvature)
+    return replace(rom, projection=moved(rom.projection), curvature=curvature)

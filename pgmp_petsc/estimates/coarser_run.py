@@ -1,0 +1,371 @@
+"""Error of the time step in a full-order or component run, from a second run of the system with a coarser step.
+
+A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y``. Three regimes:
+
+**Resolved.** The scheme is of second order, and the error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett
+and Wanner 1993, section II.4).
+
+**Vibrations that the coarser run loses.** Where d is as large as the vibration itself, in a band of frequencies, their
+phases have parted, and Richardson's quotient is too small, up to ``r^2 - 1`` times. There the error follows from the
+scheme alone: its amplification of a free vibration is an eigenvalue lambda of a step for ``omega h``, exact would be
+``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
+2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
+those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
+The largest of many points has kinks where another point takes over, and a kink is in all bands, of which the coarser
+run has none of the highest: there a band counts where it is `PEAK` times those around it.
+
+**Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
+the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
+is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so.
+
+The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is taken in
+`TIMES` parts, the steps of the run itself, instead of being tried again. It is given up where its work would be more
+than a share of the run's (`MOST`), and the estimate then ends there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
+
+from pgmp_petsc.models import Model
+from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.runtime.progress import Progress
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Observer, Run, count_steps
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Status
+
+TIMES = 5  # steps of the run in one of the coarser run
+MOST = 0.28  # of the work of the run, counted in corrections, so that it is the same on all machines
+FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
+CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
+RECORDED = 0.15  # calls that cost as much as what a step of a run records
+FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
+FEWEST_STEPS = (FEWEST - 1) * TIMES + 1  # of the run, for as many of the coarser one
+APART = 10  # steps between two looks at the work of the coarser run, at least
+PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
+LOWEST = 2  # band that counts: lower ones hold what is not periodic
+LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
+PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
+TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
+RUBS = 0.015  # of it, from which on they move what has friction or stops
+BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
+ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
+SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
+
+
+@dataclass(frozen=True)
+class CoarserRun:
+    """Outputs of a run with a coarser step.
+
+    Attributes
+    ----------
+    step
+        s.
+    time
+        Instants, shape (n_t,), s.
+    outputs
+        By name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed.
+    status, failure_time
+        Of every sample; FINE and NaN where only the work was too much.
+    divided
+        Share of the steps that were taken in parts, shape (n_samples,).
+    shortest
+        Time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none.
+    """
+
+    step: float
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    status: np.ndarray
+    failure_time: np.ndarray
+    divided: np.ndarray
+    shortest: np.ndarray
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """Errors of one run's time step.
+
+    Attributes
+    ----------
+    time
+        Instants, shape (n_e,), s.
+    outputs
+        Error of each output, shape (n_e,): the run's less what it should be.
+    lost_hz
+        Frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming.
+    unsure
+        Why the order of the error is not known; empty where it is.
+    """
+
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    lost_hz: float
+    unsure: str
+
+
+def run_coarser(
+    model: Model,
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray,
+    of: Run | None = None,
+    bar: Progress | None = None,
+) -> CoarserRun:
+    """Run a system again, with a coarser step. Collective on ``system.comm``.
+
+    Parameters
+    ----------
+    simulation
+        That of the run.
+    alive
+        Samples to run, shape (n_samples,).
+    of
+        The run, which says what it took; no limit where it is not given.
+    bar
+        Shows its steps.
+    """
+    coarse = coarser(simulation)
+    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, bar)
+    stepper = GeneralisedAlpha(
+        system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=TIMES
+    )
+    mechanism = model.kinematics.mechanism
+    calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
+
+    def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
+        return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
+
+    most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
+    dearest = 0.0  # work of a step, the most so far
+    while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
+        # steps that half of the rest allows at the cost of the costliest so far; the first are looked at soon
+        affords = 0.5 * (most - spent) / dearest if dearest else 0.0 if np.isfinite(most) else np.inf
+        before, begun = spent, stepper.n_done
+        stepper.stops = np.array([0, int(min(begun + max(affords, APART), n_steps))])
+        stepper.advance()
+        spent = work(stepper, stepper.n_done)
+        dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
+    time, found = record.outputs()
+    failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
+    outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
+    divided = stepper.n_divided / max(stepper.n_done, 1)
+    return CoarserRun(
+        coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided,
+        stepper.shortest_crossing,
+    )  # fmt: skip
+
+
+class OutputRecord(Observer):
+    """Keeps what the outputs are made of after every step; observes a run.
+
+    Parameters
+    ----------
+    model, system
+        A model, and its system.
+    bar
+        Shows the steps.
+    """
+
+    def __init__(self, model: Model, system: SecondOrderSystem, bar: Progress | None = None) -> None:
+        self._model, self._system, self._bar = model, system, bar
+        self._times: list[float] = []
+        self._waiting: list[State] = []
+        self._observed: list[np.ndarray] = []
+        together = system.n_samples == 1 and hasattr(model, "observed_over")
+        self._at_once = system.instants_at_once if together else 1
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        self._times.append(time)
+        self._waiting.append(state)
+        if len(self._waiting) >= self._at_once:
+            self._evaluate()
+        if self._bar is not None:
+            self._bar.update(number > 0)
+
+    def _evaluate(self) -> None:
+        states, self._waiting = self._waiting, []
+        if not states:
+            return
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
+            if self._at_once == 1:
+                self._observed += [self._model.observed(self._system, state) for state in states]
+            else:
+                frames = self._system.frames_over(states)
+                self._observed.append(self._model.observed_over(self._system, states, frames))
+
+    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
+        self._evaluate()
+        time = np.array(self._times)
+        with np.errstate(all="ignore"):
+            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
+        return time, {name: values.reshape(time.size, -1) for name, values in found.items()}
+
+
+def coarser(simulation: Simulation) -> Simulation:
+    """Return the simulation with the coarser step."""
+    n_steps = -(-count_steps(simulation.duration, simulation.step) // TIMES)
+    return simulation.model_copy(update={"step": simulation.duration / n_steps})
+
+
+def step_errors(
+    scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
+) -> StepErrors | None:
+    """Return the errors of a run, at the instants of the coarser one; None where that did not go far enough.
+
+    Parameters
+    ----------
+    time, outputs
+        Of the run, shape (n_t,), and each of the same shape.
+    other
+        The coarser run.
+    sample
+        Number of the sample in it.
+    """
+    known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
+    n = known.size if known.all() else int(np.argmin(known))
+    finite = all(np.isfinite(values).all() for values in outputs.values())
+    if n <= FEWEST or not finite:
+        return None
+    at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
+    covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
+    bands = Bands.of(scene.simulation.spectral_radius, n_steps)
+    differences, lost, loudest = {}, {}, (0.0, np.nan)
+    kinked = {name for name, output in scene.outputs.items() if output.kinked}
+    for name, values in outputs.items():
+        there = other.outputs[name][:n, sample]
+        differences[name] = there - CubicSpline(time, values)(at)
+        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, name in kinked)
+        lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
+        share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
+        if share > loudest[0]:
+            loudest = share, turn / (2.0 * np.pi * step)
+    edged = any(effect.edged for effect in scene.effects.values())
+    unsure = ""
+    if other.divided[sample] > SOME:
+        unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
+    elif other.shortest[sample] < BRIEF * other.step:
+        unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
+    elif edged and (loudest[0] > RUBS or other.status[sample] != Status.FINE):
+        unsure = "friction or stops act with vibrations that a coarser step loses"
+    order = (ROUGH if unsure else ratio**2 - 1.0) * max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
+    errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
+    return StepErrors(at, errors, loudest[1] if loudest[0] > TREMBLES else np.nan, unsure)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Bands of a short-time Fourier transform: Hann windows, half over one another.
+
+    Attributes
+    ----------
+    length
+        Steps in a window.
+    turns
+        ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,).
+    drifts
+        By what share of its amplitude such a vibration goes off in a step, shape (n_bands,).
+    """
+
+    length: int
+    turns: np.ndarray
+    drifts: np.ndarray
+
+    @classmethod
+    def of(cls, spectral_radius: float, n_steps: int) -> Bands:
+        """Return the bands for a run."""
+        length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
+        exact, rates = _amplifications(spectral_radius)
+        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
+        drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts)
+
+    @property
+    def hop(self) -> int:
+        """Steps between the middles of neighbouring windows, the first of which is the start."""
+        return self.length // 2
+
+    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: bool) -> tuple[np.ndarray, float]:
+        """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
+
+        Parameters
+        ----------
+        fine, coarse
+            An output of both runs after every step of the finer one, shape (n,).
+        ratio
+            Of their steps.
+        kinked
+            Whether the output has kinks.
+        """
+        if fine.size < 2 * self.length:
+            return np.zeros(1), np.nan
+        amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
+        out = apart > LOST * amplitudes
+        out[:, :LOWEST] = False
+        if kinked:
+            out &= amplitudes > PEAK * median_filter(amplitudes, (1, AROUND), mode="nearest")
+        largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
+        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1])
+        found = np.empty_like(amplitudes)
+        for k, drift in enumerate(self.hop * self.drifts * amplitudes):
+            found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
+            off = np.where(out[k], found[k], apart[k] / (ratio**2 - 1.0))
+        weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
+        mean = float(weights @ self.turns / weights.sum()) if weights.any() else np.nan
+        return np.sqrt((found**2).sum(axis=1)), mean
+
+    def _amplitudes(self, values: np.ndarray) -> np.ndarray:
+        """Return the amplitudes of all bands in all windows, shape (n_windows, n_bands).
+
+        The squares of neighbouring bands add up to that of a vibration between them. The ends go on point-symmetrically
+        for half a window: what begins at the start is seen.
+        """
+        n, half = self.length, self.hop
+        ahead, behind = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
+        every = np.concatenate([ahead, values, behind])
+        windows = np.lib.stride_tricks.sliding_window_view(every, n)[::half]
+        line = np.arange(n) - 0.5 * (n - 1)
+        slopes = windows @ line / (line @ line)
+        level = windows - windows.mean(axis=1, keepdims=True) - slopes[:, None] * line
+        hann = np.sin(np.pi * np.arange(n) / n) ** 2
+        return np.abs(np.fft.rfft(level * hann, axis=1)) * 4.0 / (n * np.sqrt(1.5))
+
+
+def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:
+    """Return the logarithm of the scheme's factor for a free vibration in a step, for omega h of shape (n,).
+
+    With ``q'' = -omega^2 q`` a step of `generalised_alpha` is linear in (q, h q', h^2 A).
+    """
+    s = Scheme.of(spectral_radius, 1.0)
+    square, weight = turns**2, 1.0 / (1.0 - s.alpha_m)
+    by = 1.0 + s.beta * weight * (1.0 - s.alpha_f) * square
+    steps = np.empty((turns.size, 3, 3))
+    steps[:, 0, 0] = (1.0 - s.beta * weight * s.alpha_f * square) / by
+    steps[:, 0, 1] = 1.0 / by
+    steps[:, 0, 2] = (0.5 - s.beta - s.beta * weight * s.alpha_m) / by
+    steps[:, 2] = -weight * (1.0 - s.alpha_f) * square[:, None] * steps[:, 0]
+    steps[:, 2, 0] -= weight * s.alpha_f * square
+    steps[:, 2, 2] -= weight * s.alpha_m
+    steps[:, 1] = s.gamma * steps[:, 2]
+    steps[:, 1, 1] += 1.0
+    steps[:, 1, 2] += 1.0 - s.gamma
+    values = np.linalg.eigvals(steps)
+    chosen = np.take_along_axis(values, np.argmax(np.abs(values.imag), axis=1)[:, None], axis=1)[:, 0]
+    return np.log(chosen.real + 1j * np.abs(chosen.imag))
+
+
+@lru_cache(maxsize=8)
+def _amplifications(spectral_radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return omega h from slow to fast vibrations, and their `amplification`."""
+    turns = np.concatenate([np.linspace(1e-3, 3.0, 300), np.geomspace(3.01, 200.0, 150)])
+    return turns, amplification(spectral_radius, turns)

@@ -1,0 +1,436 @@
+"""Estimated errors of reduced runs, from the residual of their motion in the full-order equations.
+
+- The error of the time step is that between the run and one of the same reduced model with smaller steps (`FINER` of
+  them in one): it goes through stops, friction and all that is nonlinear as the run itself does.
+- `checking_model`: all that the full-order equations say against that run. This is what the reduction leaves out
+  (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
+
+Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
+and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
+(`schedule`); where none do, the output has no estimate.
+
+Samples side by side follow tables that are polynomials of the lengths, rigid inertia included, and their outputs are
+polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the
+model of its own lengths, whose kinematics are exact: with these the motion is put into the full-order equations, and
+the outputs of the corrected motion are compared with what the sample said. So what the polynomials are off by is in the
+estimate, with all the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion
+from pgmp_petsc.estimates.schedule import (
+    AGREED,
+    FINER,
+    UNSURE,
+    UNSURE_WITH_OTHERS,
+    Schedule,
+    differences,
+    kept_steps,
+    most_evaluations,
+    places_of,
+    schedules,
+)
+from pgmp_petsc.full.systems import FullBatch
+from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
+from pgmp_petsc.models.model import floors_of
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.stepping.drivers import ERROR_PREFIX
+from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps, integrate
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.status import Status
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.numerics import Simulation
+
+TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
+
+
+UNSOLVED = "the full-order equations could not be solved about this motion"
+STOPPED = f"the reduced run with 1/{FINER} of the step, which the estimate is made from, stopped"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated errors of n samples; NaN where a sample failed or has no estimate.
+
+    Attributes
+    ----------
+    largest
+        Largest size of the error of every output over the run, shape (n,).
+    at_end
+        Error of every output at the end, reduced less full-order, shape (n,).
+    histories
+        Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
+    absent
+        Of every output why each sample has none, n of them; empty where it has one, and where the sample failed.
+    """
+
+    largest: dict[str, np.ndarray]
+    at_end: dict[str, np.ndarray]
+    histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
+    absent: dict[str, tuple[str, ...]]
+
+
+class ErrorIndicator:
+    """Estimates the errors of runs of one reduced model; to be made once for all of them.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    told
+        The model whose outputs runs have, where these are not the model's own.
+    """
+
+    def __init__(self, model: ReducedModel, told: LengthLanes | None = None) -> None:
+        self.model, self.told = model, told or model
+        self.checking = CheckingModel(model)
+        self.floors = dict(zip(model.outputs.functions, floors_of(model)))
+        self._most = most_evaluations(self.checking.full.kinematics.mechanism)
+        self._take_steps_of(model.scene.simulation)
+
+    def _take_steps_of(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.n_steps = count_steps(simulation.duration, simulation.step)
+        self.step = simulation.duration / self.n_steps
+        self.finer = simulation.model_copy(update={"step": self.step / FINER})
+        self.schedules = schedules(self.n_steps, simulation.duration, self._most)
+        self.kept = kept_steps([schedule.steps for schedule in self.schedules])
+
+    def stepped(self, simulation: Simulation) -> ErrorIndicator:
+        """Return the indicator of runs of the same model with other steps."""
+        if simulation == self.simulation:
+            return self
+        other = copy(self)
+        other._take_steps_of(simulation)
+        return other
+
+    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
+        """Begin to watch a run of a batch.
+
+        Parameters
+        ----------
+        values
+            Parameter values of the whole batch, each of shape (n_batch,).
+        samples
+            Numbers of the samples within the batch whose errors are wanted, shape (n,).
+        """
+        return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
+
+
+class _FinerRun(Observer):
+    """The observer of a run with smaller steps, which keeps some of its states.
+
+    Parameters
+    ----------
+    kept
+        Numbers of the steps that are kept.
+    shape
+        Of positions, velocities and accelerations: (3, n_samples, n_eta).
+    """
+
+    def __init__(self, kept: np.ndarray, shape: tuple[int, int, int]) -> None:
+        self._place = places_of(kept)
+        self.states = np.empty((kept.size, *shape))
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step; the observer of the run."""
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
+        """Take in the states after many steps; see `Observer`."""
+        places = self._place[numbers]
+        self.states[places[places >= 0]] = motion[places >= 0]
+
+
+class WatchedRun(Observer):
+    """The run of one batch: its observer while it runs, its estimate afterwards."""
+
+    def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], samples: np.ndarray) -> None:
+        self._indicator = indicator
+        self._values = values
+        self._samples = samples
+        told = indicator.kept[indicator.kept % FINER == 0] // FINER
+        self._place = places_of(told)
+        n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
+        self._plain = np.empty((told.size, 2, samples.size, n_eta))  # coordinates and rates
+        self._batch: tuple[np.ndarray, FullBatch] | None = None
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step; the observer of the run."""
+        self._keep(np.array([number]), np.array([[state.q, state.v]]))
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `Observer`."""
+        self._keep(numbers, trail[:, :2])
+
+    def _keep(self, numbers: np.ndarray, motion: np.ndarray) -> None:
+        places = self._place[numbers]
+        kept = places >= 0
+        self._plain[places[kept]] = motion[kept][:, :, self._samples]
+
+    def estimate(self, status: np.ndarray) -> Estimate:
+        """Return the estimate once the run has ended.
+
+        Parameters
+        ----------
+        status
+            Of the whole batch, shape (n_batch,).
+        """
+        indicator, n = self._indicator, self._samples.size
+        fine = status[self._samples] == Status.FINE
+        states, followed = self._followed(fine)
+        about = followed & self._placeable(states)
+        equilibria = indicator.checking.equilibria(self._values, about)
+        if equilibria is not None:
+            about &= np.isfinite(equilibria).all(axis=0)
+        # samples that cannot be placed stay at the start and are never advanced
+        states[:, :, ~about] = states[:1, :, ~about]
+        names = indicator.model.outputs.functions
+        largest, at_end, apart = ({name: np.full(n, np.nan) for name in names} for _ in range(3))
+        histories: list = [None] * n
+        settled = np.zeros(n, dtype=bool)
+        for number, schedule in enumerate(indicator.schedules):
+            chosen = np.flatnonzero(~settled)
+            if not chosen.size:
+                break
+            begin = None if equilibria is None else equilibria[:, chosen]
+            errors = self._evaluate(schedule, chosen, states, about[chosen], begin)
+            now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
+            before = {name: values[chosen] for name, values in largest.items()}
+            between = differences(before, now, indicator.floors)
+            alike = np.all([factors <= AGREED for factors in between.values()], axis=0)
+            settled[chosen] = alike | ~about[chosen]
+            time = schedule.steps[schedule.told] * (indicator.step / FINER)
+            for name, error in errors.items():
+                largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
+            for column, sample in enumerate(chosen):
+                histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
+        absent, factors = {}, np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
+        allowed = np.where((factors > UNSURE).any(axis=0), UNSURE_WITH_OTHERS, UNSURE)
+        for name in names:
+            reasons = np.full(n, "", dtype=object)
+            reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
+            reasons[fine & ~followed] = STOPPED
+            unsure = np.isfinite(largest[name]) & ~(apart[name] <= allowed)
+            for sample in np.flatnonzero(unsure):
+                reasons[sample] = _disagree(apart[name][sample])
+                histories[sample][1][name][:] = np.nan
+            largest[name][unsure] = at_end[name][unsure] = np.nan
+            absent[name] = tuple(reasons)
+        return Estimate(largest, at_end, tuple(histories), absent)
+
+    def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Run the samples that are fine with smaller steps.
+
+        Returns
+        -------
+        states : ndarray, shape (n_kept, 3, n, n_eta)
+            Coordinates, velocities and accelerations.
+        followed : ndarray, shape (n,)
+            Which samples came to the end.
+        """
+        indicator = self._indicator
+        finer = _FinerRun(indicator.kept, (3, *self._plain.shape[2:]))
+        system = indicator.model.batch(self._values, self._samples.size)
+        run = integrate(system, indicator.finer, alive=fine, observer=finer, prefix=ERROR_PREFIX)
+        return finer.states, fine & (run.status == Status.FINE)
+
+    def _evaluate(
+        self,
+        schedule: Schedule,
+        chosen: np.ndarray,
+        states: np.ndarray,
+        about: np.ndarray,
+        begin: np.ndarray | None,
+    ) -> dict[str, np.ndarray]:
+        """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
+
+        Parameters
+        ----------
+        schedule, chosen
+            Instants, and numbers of the samples.
+        states
+            Of all samples, as of `_followed`.
+        about
+            Which of the chosen ones are advanced at all.
+        begin
+            As of `ErrorSystem`.
+        """
+        indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
+        checking, states = indicator.checking, states[schedule.places][:, :, chosen]
+        values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / FINER)
+        motion = ReferenceMotion(
+            checking.unknowns_of, full.n_dofs, states, r, indicator.simulation.duration, checking.rotations
+        )
+        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
+        observed = _Observed(checking.full, full, values, motion, schedule.told)
+        steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
+        simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
+        run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
+        # samples that failed stay at the start: they may be where nothing can be placed
+        plain = self._plain[self._place[schedule.steps[schedule.told] // FINER]][:, :, chosen]
+        errors = self._errors(np.where(about[:, None], plain, plain[:1]), observed.outputs(), values)
+        # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
+        known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
+        return {name: np.where(known, error, np.nan) for name, error in errors.items()}
+
+    def _batch_of(self, chosen: np.ndarray, values: Mapping[str, np.ndarray]) -> FullBatch:
+        """Return the equations of some samples; those of the last call where they are the same."""
+        if self._batch is None or not np.array_equal(self._batch[0], chosen):
+            self._batch = chosen, self._indicator.checking.batch(values, chosen.size)
+        return self._batch[1]
+
+    def _errors(
+        self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates and rates, (n_e, 2, n,
+        n_eta)."""
+        model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
+        eta, v = np.moveaxis(plain, 1, 0).reshape(2, -1, plain.shape[3])
+        every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
+        here = model.outputs.evaluate(model.observed_of(eta, every_time, v))
+        return {name: (here[name] - there[name]).reshape(shape) for name in here}
+
+    def _placeable(self, states: np.ndarray) -> np.ndarray:
+        """Return which samples stay finite, and where the rigid mechanism can be placed, shape (n,)."""
+        r = self._indicator.model.kinematics.n_coordinates
+        theta = states[:, 0, :, :r]
+        finite = np.isfinite(states).all(axis=(0, 1, 3))
+        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:2])
+        return finite & reached.all(axis=0)
+
+
+def _disagree(factor: float) -> str:
+    """Return that estimates disagree by a factor, NaN where the other is not known."""
+    by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
+    return f"two estimates, with long and with short steps, disagree {by}; a smaller simulation.step is needed"
+
+
+class _Observed(Observer):
+    """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
+
+    def __init__(
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Mapping[str, np.ndarray],
+        motion: ReferenceMotion,
+        told: np.ndarray,
+    ) -> None:
+        self._model, self._batch, self._values, self._motion, self._told = model, batch, values, motion, told
+        self._waiting: list[tuple[np.ndarray, ...]] = []
+        self._found: list[dict[str, np.ndarray]] = []
+
+    def __call__(self, number: int, time: float, error: State) -> None:
+        """Take in the error at an instant."""
+        self._take(number, error.q[None], error.v[None], error.turns[None])
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
+        """Take in the errors at many instants in turn; see `Observer`."""
+        self._take(int(numbers[0]), errors.q, errors.v, errors.turns)
+
+    def _take(self, number: int, errors: np.ndarray, rates: np.ndarray, turns: np.ndarray) -> None:
+        told = self._told[number : number + len(errors)]
+        q, v, _ = self._motion.over(number, len(errors))[:, told]
+        # what is kept of states has to be theirs: angles are counted on in place
+        self._waiting.append((q, v, errors[told], rates[told], turns[told]))
+        if sum(part[0].size for part in self._waiting) > TOGETHER:
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        *motion, of_q, of_v, turns = (np.concatenate(parts) for parts in zip(*self._waiting))
+        n_e, n = len(turns), self._batch.n_samples
+        # the axis of instants behind that of unknowns
+        *errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in (of_q, of_v, turns))
+        q, v = ((np.moveaxis(one, 0, 1) + e).reshape(-1, n_e * n) for one, e in zip(motion, errors))
+        values = {name: np.tile(value, n_e) for name, value in self._values.items()}
+        frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
+        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values, v)))
+        self._waiting.clear()
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Return every output, shape (n_e n,)."""
+        if any(len(part[0]) for part in self._waiting):
+            self._evaluate()
+        return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}
+
+
+def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIndicator:
+    """Return what estimates the errors of a model's samples."""
+    return MemberIndicator(model) if isinstance(model, LengthLanes) else ErrorIndicator(model)
+
+
+class MemberIndicator:
+    """Estimates the errors of runs of samples with lengths of their own; see `ErrorIndicator`."""
+
+    def __init__(self, model: LengthLanes) -> None:
+        self.model = model
+        self._simulation = model.scene.simulation
+
+    def stepped(self, simulation: Simulation) -> MemberIndicator:
+        """Return the indicator of runs of the same model with other steps."""
+        other = copy(self)
+        other._simulation = simulation
+        return other
+
+    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedSamples:
+        """Begin to watch a run of a batch; see `ErrorIndicator.watch`."""
+        return WatchedSamples([self._of(values, int(sample)) for sample in samples], list(self.model.outputs.functions))
+
+    def _of(self, values: Mapping[str, np.ndarray], sample: int) -> WatchedRun | None:
+        """Begin to watch a sample; None where its mechanism cannot be closed."""
+        lengths = {name: float(values[name][sample]) for name in self.model.lengths}
+        try:
+            own = self.model.at_lengths(self.model.scene.with_values(lengths))
+        except InputError:
+            return None
+        return ErrorIndicator(own, self.model).stepped(self._simulation).watch(values, np.array([sample]))
+
+
+class WatchedSamples(Observer):
+    """The run of one batch, whose samples are watched one by one; see `WatchedRun`."""
+
+    def __init__(self, runs: list[WatchedRun | None], outputs: list[str]) -> None:
+        self._runs, self._outputs = runs, outputs
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step; the observer of the run."""
+        for run in self._known:
+            run(number, time, state)
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `Observer`."""
+        for run in self._known:
+            run.over(numbers, times, trail)
+
+    def estimate(self, status: np.ndarray) -> Estimate:
+        """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
+        found = [_nothing(self._outputs) if run is None else run.estimate(status) for run in self._runs]
+        largest, at_end = (
+            {name: np.concatenate([getattr(one, part)[name] for one in found]) for name in self._outputs}
+            for part in ("largest", "at_end")
+        )
+        absent = {name: tuple(one.absent[name][0] for one in found) for name in self._outputs}
+        return Estimate(largest, at_end, tuple(history for one in found for history in one.histories), absent)
+
+    @property
+    def _known(self) -> list[WatchedRun]:
+        return [run for run in self._runs if run is not None]
+
+
+def _nothing(outputs: list[str]) -> Estimate:
+    """Return that nothing is known of a sample."""
+    unknown = {name: np.full(1, np.nan) for name in outputs}
+    histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
+    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, ("",)))

@@ -1,0 +1,156 @@
+"""The motion of all unknowns that a reduced run represents, with its velocities and accelerations.
+
+A reduced state gives the unknowns ``q(eta)`` by back-transformation (`NodalMotion`). The velocities and accelerations
+that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as
+differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
+
+A path stays where a difference is good: neither the mechanism turns far on it nor do bodies bend by large rotations.
+Where stiff springs or loads act on undeformed bodies at once, flexible accelerations would lead hundreds of radians
+away within the time in which the mechanism turns by little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+
+Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to unknowns (n_dofs, k)
+
+# rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the sixth derivative,
+# which in a four-bar is 1e5 times the second where it turns round, and by the closure of the mechanism, 1e-12, over
+# TURN^2. Both are about 1e-7 here; with 1e-2 the error of an angle was 3 times as large as it is
+TURN = 3e-3
+BEND = 0.1  # rad that frames turn in their bodies from point to point, at most; wrong by BEND^4 / 90 likewise
+# weights of the points on both sides for first and second derivatives, and of the point itself
+AT, FIRST = (-2, -1, 1, 2), (1 / 12, -8 / 12, 8 / 12, -1 / 12)
+SECOND, HERE = (-1 / 12, 16 / 12, 16 / 12, -1 / 12), -30 / 12
+LARGEST = 2**22  # numbers that are kept at once
+TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
+
+
+@dataclass(frozen=True)
+class Instant:
+    """Motion at one instant; all of shape (n_dofs, n_samples).
+
+    Attributes
+    ----------
+    q, v, a
+        Unknowns, velocities and accelerations that belong together.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+class ReferenceMotion:
+    """Motion at the instants of evaluation.
+
+    Parameters
+    ----------
+    unknowns, n_dofs
+        Back-transformation, and the number of its unknowns.
+    states
+        Reduced coordinates, velocities and accelerations at every instant, shape (n_instants, 3, n_samples, n_eta).
+    n_theta
+        Number of rigid coordinates.
+    longest
+        Largest step of the differences, s: for what does not move at all.
+    rotations
+        Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
+    """
+
+    def __init__(
+        self,
+        unknowns: Unknowns,
+        n_dofs: int,
+        states: np.ndarray,
+        n_theta: int,
+        longest: float,
+        rotations: np.ndarray,
+    ) -> None:
+        self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
+        self._n_theta, self._longest, self._rotations = n_theta, longest, rotations
+        self._first, self._kept = 0, np.empty((3, 0, 0, 0))
+
+    def at(self, number: int) -> Instant:
+        """Return an instant by its number; consecutive ones are computed together."""
+        return Instant(*self._of(number, 1)[:, 0])
+
+    def over(self, number: int, n: int) -> np.ndarray:
+        """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
+        n_samples)."""
+        return self._of(number, n)
+
+    def _of(self, number: int, n: int) -> np.ndarray:
+        """Return the parts of n instants from a number on, shape (3, n, n_dofs, n_samples)."""
+        first = number - self._first
+        if not 0 <= first <= self._kept.shape[1] - n:
+            self._compute(number, n)
+            first = 0
+        return self._kept[:, first : first + n]
+
+    def _compute(self, number: int, n: int) -> None:
+        n_samples, n_dofs = self._states.shape[2], self._n_dofs
+        numbers = (1 + len(AT)) * n_dofs * n_samples
+        states = self._states[number : number + max(n, LARGEST // numbers)]
+        kept = np.empty((3, len(states), n_dofs, n_samples))
+        n_together = max(1, TOGETHER // numbers)
+        for first in range(0, len(states), n_together):
+            some = slice(first, first + n_together)
+            self._fill(states[some], kept[:, some])
+        self._first, self._kept = number, kept
+
+    def _fill(self, states: np.ndarray, kept: np.ndarray) -> None:
+        """Fill the parts of instants, (3, n, n_dofs, n_samples), for states (n, 3, n_samples, n_eta)."""
+        r = self._n_theta
+        pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
+        bending, changing = (np.abs(states[:, part, :, r:]) @ self._rotations for part in (1, 2))
+        bent = (TURN / BEND) ** 2 * np.maximum(bending**2, BEND * changing)
+        tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))
+        eta = np.empty((1 + len(AT), *tau.shape, states.shape[3]))
+        fill_path(states, tau, eta)
+        found = self._unknowns(eta.reshape(-1, eta.shape[-1]))
+        fill_motion(found.reshape(-1, *eta.shape[:-1]), tau, *kept)
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_path(states, tau, eta):
+    """Fill reduced coordinates: those of states, and those along the path on both sides.
+
+    Parameters
+    ----------
+    states
+        As of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
+    tau
+        Steps of the differences, shape (n, n_samples), s.
+    eta
+        Results, shape (5, n, n_samples, n_eta).
+    """
+    for k in range(tau.shape[0]):
+        for b in range(tau.shape[1]):
+            for d in range(states.shape[3]):
+                q, v, a = states[k, 0, b, d], states[k, 1, b, d], states[k, 2, b, d]
+                eta[0, k, b, d] = q
+                for side in range(len(AT)):
+                    far = AT[side] * tau[k, b]
+                    eta[1 + side, k, b, d] = q + far * v + 0.5 * (far * far) * a
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_motion(found, tau, q, v, a):
+    """Fill the parts of instants, (n, n_dofs, n_samples), from unknowns (n_dofs, 5, n, n_samples) at `fill_path`."""
+    for k in range(tau.shape[0]):
+        for dof in range(found.shape[0]):
+            for b in range(tau.shape[1]):
+                here = found[dof, 0, k, b]
+                first, second = 0.0, HERE * here
+                for side in range(len(AT)):
+                    first += FIRST[side] * found[dof, 1 + side, k, b]
+                    second += SECOND[side] * found[dof, 1 + side, k, b]
+                q[k, dof, b] = here
+                v[k, dof, b], a[k, dof, b] = first / tau[k, b], second / tau[k, b] ** 2

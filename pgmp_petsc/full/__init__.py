@@ -1,0 +1,9 @@
+"""The full-order system, and that of component models: all unknowns, with joints as constraints.
+
+    M(p) q'' + g_int(q, p) + C(q)^T lambda = g_ext(q, t),    c(q) = 0        (Naets et al. 2015, eqs. (1)-(3))
+
+What comes in is a mechanism with its effects and parameter values; what goes out is a system for `stepping`. Begin with
+`systems`. `problem` and `parts` say what there is, `kernel` has the compiled equations with their elements, forces,
+damping, floating bodies and constraints (`node_constraints`), `steps` the compiled steps, `energy` the energies.
+`layout` orders the unknowns for `batched_ldl`; `rank_solver` solves with PETSc where ranks share a sample.
+"""

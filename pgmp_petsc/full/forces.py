@@ -1,0 +1,226 @@
+"""Forces on a block of full-order samples from outside and between points, compiled: loads and actions.
+
+Samples lie side by side in the last axis (lanes); see `batched_ldl`. The equations are those of `effects.load` and
+`effects.action`.
+
+Actions on the unknowns of nodes, compiled; see `mechanism.node_statements`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from pgmp_petsc.effects.action import Actions
+from pgmp_petsc.effects.law import Laws, obey
+from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import items, keep
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def evaluate_actions(
+    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, about, forces, tangents, powers,
+    stored, depths
+):  # fmt: skip
+    """Evaluate all actions for all samples.
+
+    Parameters
+    ----------
+    actions, amplitudes
+        As from `compile_actions`, `amplitudes_over`.
+    entries
+        Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
+        unknowns of its two nodes, each (n_entries,).
+    y, rates
+        Unknowns of both nodes and their rates, zero on the ground, shape (n_actions, 2 m, n_samples), m = 3 in the
+        plane or 12.
+    known, turned
+        What angles are nearest to, and as a result what they are, rad, shape (n_actions, n_samples).
+    gain_v
+        Derivative of velocities with positions in the iteration, 1/s.
+    with_tangents
+        Whether the tangents are wanted, whose second derivatives cost more than all the rest.
+    about
+        Of an iteration, the rates at which laws were evaluated last, shape (n_actions, n_samples): NaN before the
+        first, and where one is limited (`Law.about_zero`); brought up to date. None, (0, n_samples), where laws are
+        to be taken as they are.
+    forces, tangents
+        Results: force on the unknowns, shape (n_actions, 2 m, n_samples), and minus its derivative, the mean of each
+        entry and its mirror, shape (n_entries, n_samples).
+    powers, stored
+        Results: power of what is not elastic (W) and potential energy of what is (J), shape (n_actions, n_samples).
+    depths
+        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
+    """
+    starts, rows, columns = entries
+    statements, m = actions.statements, y.shape[1] // 2
+    scratch, own, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+    for k in range(actions.laws.addresses.size):
+        for sample in range(y.shape[2]):
+            p = actions.parameters[k, sample]
+            own[:] = y[k, :, sample]
+            s = state(statements, k, own, known[k, sample], with_tangents, scratch, g, h)
+            turned[k, sample] = s if np.isfinite(s) else known[k, sample]
+            rate = 0.0
+            for i in range(2 * m):
+                rate += g[i] * rates[k, i, sample]
+            before = about[k, sample] if with_tangents and about.shape[0] else np.nan
+            crossed = depths[sample, actions.laws.edges[k] :]
+            found = obey(actions.laws.addresses[k], p, amplitudes[k], s, rate, before, crossed)
+            if about.shape[0]:
+                about[k, sample] = found.about
+            powers[k, sample] = (found.force - found.elastic) * rate
+            stored[k, sample] = found.stored
+            for i in range(2 * m):
+                forces[k, i, sample] = found.force * g[i]
+            for entry in range(starts[k], starts[k + 1] if with_tangents else starts[k]):
+                i, j = rows[entry], columns[entry]
+                # a force that turns with its body has no symmetric tangent; its mean serves the factorisation
+                bent = 0.5 * found.force * (h[i, j] + h[j, i])
+                tangents[entry, sample] = (found.stiffness + gain_v * found.damping) * g[i] * g[j] - bent
+
+
+class Loads(NamedTuple):
+    """Load vectors by their entries: load, unknown and value (n_entries,); weights (n_blocks, n_loads, n_lanes)."""
+
+    numbers: np.ndarray
+    dofs: np.ndarray
+    values: np.ndarray
+    weights: np.ndarray
+
+
+class BlockActions(NamedTuple):
+    """The actions of all samples, block by block.
+
+    Attributes
+    ----------
+    statements, laws
+        As in `Actions`.
+    parameters
+        Of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters).
+    dofs
+        Unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m).
+    entries
+        As for `evaluate_actions`.
+    positions
+        Where the matrix stores these entries, shape (n_entries,).
+    counted
+        Whether an action is counted here, in sums over all ranks, shape (n_actions,).
+    about
+        As for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes); none where nothing is iterated.
+    """
+
+    statements: NodeStatements
+    laws: Laws
+    parameters: np.ndarray
+    dofs: np.ndarray
+    entries: tuple[np.ndarray, np.ndarray, np.ndarray]
+    positions: np.ndarray
+    counted: np.ndarray
+    about: np.ndarray = np.empty((0, 0, 0))
+
+
+class Acted(NamedTuple):
+    """Actions evaluated in a block; see `evaluate_actions`."""
+
+    forces: np.ndarray
+    tangents: np.ndarray
+    powers: np.ndarray
+    stored: np.ndarray
+    depths: np.ndarray
+
+
+_MATRIX = types.float64[:, ::1]
+_ACTED = types.NamedTuple((types.float64[:, :, ::1], _MATRIX, _MATRIX, _MATRIX, _MATRIX), Acted)
+
+
+@njit(error_model="numpy", forceinline=True)
+def add_loads(loads, width, block, amplitudes, share, x, place):
+    """Take a share of the loads with amplitudes (n_loads,) from x, shape (n, n_lanes) in elimination order."""
+    x, weights = items(x, width), items(loads.weights, width)
+    for entry in range(loads.dofs.size):
+        number = loads.numbers[entry]
+        x[place[loads.dofs[entry]]] -= share * loads.values[entry] * amplitudes[number] * weights[block, number]
+
+
+@njit(cache=True, apart=_ACTED, error_model="numpy")
+def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents, iterating=False):
+    """Evaluate the actions of a block at q and v (n_dofs, n_lanes), for an iteration in time or as they are.
+
+    Angles are those nearest to `turns`, shape (n_actions, n_lanes), rad, or (0, n_lanes) in the plane, where they count
+    turns by themselves.
+    """
+    n, m = actions.dofs.shape
+    n_lanes = q.shape[1]
+    y, rates, forces = np.zeros((n, m, n_lanes)), np.zeros((n, m, n_lanes)), np.empty((n, m, n_lanes))
+    powers, stored = np.empty((n, n_lanes)), np.empty((n, n_lanes))
+    laws = loaded(actions.laws)
+    depths = np.empty((n_lanes, laws.edges[n]))
+    tangents = np.empty((actions.positions.size, n_lanes))
+    for k in range(n):
+        for i in range(m):
+            dof = actions.dofs[k, i]
+            for lane in range(n_lanes if dof >= 0 else 0):
+                y[k, i, lane], rates[k, i, lane] = q[dof, lane], v[dof, lane]
+    known = turns if turns.shape[0] else np.zeros((n, n_lanes))
+    about = actions.about[block][: n if iterating else 0]
+    evaluate_actions(
+        Actions(loaded(actions.statements), laws, actions.parameters[block]), actions.entries, amplitudes, y,
+        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, about, forces, tangents, powers, stored, depths,
+    )  # fmt: skip
+    return Acted(forces, tangents, powers, stored, depths)
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
+    """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""
+    now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh, gains[0] != 0.0)
+    forces, tangents = items(now.forces, width), items(now.tangents, width)
+    x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
+    n, m = actions.dofs.shape
+    for k in range(n):
+        for i in range(m):
+            if actions.dofs[k, i] >= 0:
+                x[place[actions.dofs[k, i]]] -= share * forces[k, i]
+    for entry in range(actions.positions.size if fresh else 0):
+        add_entry(actions.positions[entry], gains[2] * share * tangents[entry], diagonal, lower)
+    keep(now)
+
+
+@njit(inline="always")
+def forget_rates(about):
+    """Begin an iteration: no law, (n_actions, n_lanes), is known to have been evaluated."""
+    for action in range(about.shape[0]):
+        for lane in range(about.shape[1]):
+            about[action, lane] = np.nan
+
+
+@njit(inline="always")
+def doubt_limited(about, last):
+    """Let nothing follow from the size of the last correction, (n_lanes,), where this one had a limited law."""
+    for action in range(about.shape[0]):
+        for lane in range(about.shape[1]):
+            if np.isnan(about[action, lane]):
+                last[lane] = 0.0
+
+
+@njit(error_model="numpy", forceinline=True)
+def add_entry(position, value, diagonal, lower):
+    """Add an item at a stored position."""
+    if position < 0:
+        diagonal[-1 - position] += value
+    else:
+        lower[position] += value
+
+
+@njit(inline="always")
+def add_entry_of_lane(position, lane, value, diagonal, lower):
+    """Add a number of one lane at a stored position; diagonal (n, n_lanes), lower (n_lower, n_lanes)."""
+    if position < 0:
+        diagonal[-1 - position, lane] += value
+    else:
+        lower[position, lane] += value

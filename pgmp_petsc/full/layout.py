@@ -1,0 +1,289 @@
+"""Where what belongs to a body in a floating frame lies: in its table, and in the work space of compiled functions.
+
+For each body and sample the table has, one after the other: mass and ``int rho X``; ``int rho X_k X_l``; ``int rho
+Psi_k``; ``int rho X_k Psi_l``; the mass of the amplitudes; their stiffness; what damps each of them by itself; ``int
+rho Psi_k Psi_l``; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Work space is made once a
+call, for the body with most amplitudes, and viewed anew for each body.
+
+Where unknowns, multipliers and the entries of the iteration matrix lie in the arrays of one rank.
+
+Matrices are symmetric, and stored as a diagonal and entries below it. All unknowns of a batch are on one rank, in the
+order of its factorisation; a sample that is shared by ranks has on each what its elements and joints touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pgmp_petsc.bodies.floating import first_moments, second_moments
+from pgmp_petsc.full.batched_ldl import Symbolic
+from pgmp_petsc.runtime.compiled import njit
+
+
+class Layout(Protocol):
+    """A layout.
+
+    Attributes
+    ----------
+    needed
+        Numbers of the unknowns, and then of the multipliers behind all unknowns, that are here, increasing, (n,).
+    n_unknowns
+        How many of these are unknowns.
+    place
+        Turn of every unknown and multiplier here in the arrays of right-hand side and diagonal.
+    n_lower
+        Number of entries below the diagonal.
+    """
+
+    needed: np.ndarray
+    n_unknowns: int
+    place: np.ndarray
+    n_lower: int
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """Return the numbers here of unknowns, -1 where they are -1."""
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return where entries are stored: below the diagonal, or ``-1 - k`` on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeLayout:
+    """All unknowns, in the order of a factorisation."""
+
+    symbolic: Symbolic
+    n_unknowns: int
+
+    @property
+    def needed(self) -> np.ndarray:
+        """See `Layout`."""
+        return np.arange(self.symbolic.n)
+
+    @property
+    def place(self) -> np.ndarray:
+        """See `Layout`."""
+        return self.symbolic.place
+
+    @property
+    def n_lower(self) -> int:
+        """See `Layout`."""
+        return self.symbolic.rows.size
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return dofs
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return self.symbolic.position(rows, columns)
+
+
+class RankLayout:
+    """Unknowns and multipliers that one rank needs, in their order.
+
+    Parameters
+    ----------
+    n_dofs, n_all
+        Number of unknowns of the mechanism, and of unknowns and multipliers.
+    pattern
+        Rows and columns of all entries that are evaluated here, and whatever else is needed as a pair with itself.
+    """
+
+    def __init__(self, n_dofs: int, n_all: int, pattern: tuple[np.ndarray, np.ndarray]) -> None:
+        rows, columns = pattern
+        self.needed = np.unique(np.concatenate([rows, columns]))
+        self.n_unknowns = int(np.searchsorted(self.needed, n_dofs))
+        self._n_all = n_all
+        off = rows != columns
+        self._stored = np.unique(np.maximum(rows, columns)[off] * n_all + np.minimum(rows, columns)[off])
+        self.place = np.arange(self.needed.size)
+
+    @property
+    def n_lower(self) -> int:
+        """See `Layout`."""
+        return self._stored.size
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return np.where(dofs < 0, -1, np.searchsorted(self.needed, dofs))
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        keys = np.maximum(rows, columns) * self._n_all + np.minimum(rows, columns)
+        return np.where(rows == columns, -1 - self.unknowns(rows), np.searchsorted(self._stored, keys))
+
+    @cached_property
+    def lower(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the entries below the diagonal among the needed, each (n_lower,)."""
+        return tuple(np.searchsorted(self.needed, part) for part in np.divmod(self._stored, self._n_all))
+
+
+class FloatingBodies(NamedTuple):
+    """Flexible bodies in floating frames.
+
+    Attributes
+    ----------
+    dofs
+        Unknowns of all bodies, body after body: of the floating frame, then the amplitudes.
+    firsts
+        Where the unknowns, the words of the table and the positions of each body begin, and their ends, shape (n + 1,
+        3).
+    body
+        Number of the body, shape (n,).
+    table
+        Moments and stiffness, shape (n_blocks, n_words, n_lanes).
+    gravity
+        Acceleration of every gravity effect, shape (n_blocks, n_gravity, d, n_lanes), m/s2.
+    gravity_loads
+        The load whose amplitude each of them has, shape (n_gravity,).
+    positions
+        Where the matrix stores the packed lower triangle of each body.
+    counted
+        Whether a body is counted here, in sums over all ranks, shape (n,).
+    """
+
+    dofs: np.ndarray
+    firsts: np.ndarray
+    body: np.ndarray
+    table: np.ndarray
+    gravity: np.ndarray
+    gravity_loads: np.ndarray
+    positions: np.ndarray
+    counted: np.ndarray
+
+
+def body_tables(
+    moments: np.ndarray, stiffness: np.ndarray, viscous: np.ndarray, curved: np.ndarray, d: int
+) -> np.ndarray:
+    """Lay out a body's table, shape (n_words, n_samples).
+
+    Parameters
+    ----------
+    moments, stiffness
+        Shapes (r, r, n_samples) and (n, n, n_samples).
+    viscous
+        Modal damping of each amplitude, shape (n, n_samples).
+    curved
+        ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or of size zero.
+    d
+        Dimension.
+    """
+    places, of_fields = first_moments(moments, d)
+    squares, mixed, both = second_moments(moments, d)
+    own = np.einsum("kkij...->ij...", both)
+    parts = (places, squares, of_fields, mixed, own, stiffness, viscous, both, curved)
+    return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
+
+
+class Places(NamedTuple):
+    """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words."""
+
+    squares: int
+    fields: int
+    mixed: int
+    mass: int
+    stiffness: int
+    viscous: int
+    both: int
+    curved: int
+
+
+@njit(inline="always")
+def places_of(d, n):
+    """Return where the parts of the table of a body with n amplitudes begin, as `body_tables` lays them out."""
+    squares = 1 + d
+    fields = squares + d * d
+    mixed = fields + d * n
+    mass = mixed + d * d * n
+    viscous = mass + 2 * n * n
+    both = viscous + n
+    return Places(squares, fields, mixed, mass, mass + n * n, viscous, both, both + d * d * n * n)
+
+
+class Moving(NamedTuple):
+    """A body in motion, items of shape (d,), (d, d) and (n,): directors are rows of `d`, with the components of their
+    velocities in the body's frame, ``spin[l, k] = d_l.d_k'``."""
+
+    p: np.ndarray
+    d: np.ndarray
+    d1: np.ndarray
+    d2: np.ndarray
+    spin: np.ndarray
+    x: np.ndarray
+    x1: np.ndarray
+    x2: np.ndarray
+
+
+class Shaped(NamedTuple):
+    """Moments of the deformed body: ``s_k = int rho w_k``, its rate and acceleration (d,); ``J_kl = int rho w_k w_l``,
+    ``int rho w_k w_l'`` and ``int rho w_k w_l''`` (d, d); ``int rho w_k dw_l / dxi`` (d, d, n); ``sum_kl spin_kl int
+    rho Psi_k Psi_l xi'`` (n,); and ``xi^T int rho X_k chi_l xi`` and the same of the rates (d, d)."""
+
+    s: np.ndarray
+    s1: np.ndarray
+    s2: np.ndarray
+    j: np.ndarray
+    j1: np.ndarray
+    j2: np.ndarray
+    g: np.ndarray
+    h: np.ndarray
+    bent: np.ndarray
+    bending: np.ndarray
+
+
+class View(NamedTuple):
+    """A body in work space: number n of its amplitudes, its unknowns, its table (n_words,), what it does, and room for
+    the forces on p, d_l and xi, one after the other, and for ``d_l.p''`` (d,)."""
+
+    n: int
+    dofs: np.ndarray
+    table: np.ndarray
+    one: Moving
+    shaped: Shaped
+    force: np.ndarray
+    pull: np.ndarray
+
+
+@njit(inline="always")
+def n_pose_of(d):
+    """Return the number of unknowns of a frame."""
+    return 3 if d == 2 else 12
+
+
+@njit(inline="always")
+def n_words(floating, d):
+    """Return the words of work space that the body with most amplitudes takes."""
+    n = 0
+    for k in range(floating.body.size):
+        n = max(n, floating.firsts[k + 1, 0] - floating.firsts[k, 0] - n_pose_of(d))
+    return d + 4 * d * d + 3 * n + 3 * d + 3 * d * d + d * d * n + n + 2 * d * d + d + d * d + n + d
+
+
+@njit(inline="always")
+def view_of(work, floating, k, tables, d):
+    """View work space (n_words,) as a body, given by its number; `tables` are those of all bodies (n_all_words,)."""
+    firsts, m = floating.firsts, d * d
+    dofs = floating.dofs[firsts[k, 0] : firsts[k + 1, 0]]
+    n = dofs.size - n_pose_of(d)
+    x = d + 4 * m  # amplitudes, behind position and directors
+    s = x + 3 * n  # moments, behind the amplitudes' rates
+    j, g = s + 3 * d, s + 3 * d + 3 * m
+    bent = g + (m + 1) * n
+    force = bent + 2 * m
+    pull = force + d + m + n
+    one = Moving(
+        work[:d], work[d : d + m].reshape((d, d)), work[d + m : d + 2 * m].reshape((d, d)),
+        work[d + 2 * m : d + 3 * m].reshape((d, d)), work[d + 3 * m : x].reshape((d, d)), work[x : x + n],
+        work[x + n : x + 2 * n], work[x + 2 * n : s],
+    )  # fmt: skip
+    shaped = Shaped(
+        work[s : s + d], work[s + d : s + 2 * d], work[s + 2 * d : j], work[j : j + m].reshape((d, d)),
+        work[j + m : j + 2 * m].reshape((d, d)), work[j + 2 * m : g].reshape((d, d)),
+        work[g : g + m * n].reshape((d, d, n)), work[g + m * n : bent],
+        work[bent : bent + m].reshape((d, d)), work[bent + m : force].reshape((d, d)),
+    )  # fmt: skip
+    return View(n, dofs, tables[firsts[k, 1] : firsts[k + 1, 1]], one, shaped, work[force:pull], work[pull : pull + d])

@@ -1,0 +1,315 @@
+"""The equations of full-order samples on one rank as compiled functions take them, made from mechanism and effects.
+
+A rank has the elements, joints and effects that touch its unknowns: all of them where samples are not shared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import compress
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.matrices import MassesOnDemand
+from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
+from pgmp_petsc.effects.action import amplitudes_over, compile_actions
+from pgmp_petsc.effects.loads import Weights
+from pgmp_petsc.full.batched_ldl import analyse
+from pgmp_petsc.full.damping import BodyDampings, ModalFactors
+from pgmp_petsc.full.forces import BlockActions, Loads
+from pgmp_petsc.full.kernel import FullProblem, Pattern, Strengths
+from pgmp_petsc.full.layout import RankLayout, WholeLayout
+from pgmp_petsc.full.node_constraints import ConstraintParts
+from pgmp_petsc.full.parts import (
+    Share,
+    contiguous,
+    floating_bodies,
+    placed,
+    planar_beams,
+    planar_masses,
+    section_owners,
+    sections,
+    solids,
+    spatial_beams,
+    spatial_masses,
+)
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.runtime.lane_items import width_of
+from pgmp_petsc.stepping.sample_blocks import SampleBlocks
+
+MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl`
+
+
+class Sources:
+    """Strengths that change with time alone.
+
+    Parameters
+    ----------
+    loads
+        Effect of every load.
+    actions
+        Actions of all effects.
+    motions
+        Prescribed motions.
+    """
+
+    def __init__(self, loads: Sequence[Effect], actions: Sequence[Action], motions: Sequence[Motion]) -> None:
+        self.loads, self.actions, self.motions = tuple(loads), tuple(actions), tuple(motions)
+
+    def at(self, times: np.ndarray) -> Strengths:
+        """Return what acts at times of shape (n,), s."""
+        n = times.size
+        of_effects = {id(effect): np.broadcast_to(effect.amplitude(times), n) for effect in self.loads}
+        loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
+        moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
+        angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
+        return Strengths(np.ascontiguousarray(loads.T), amplitudes_over(self.actions, times), angles, speeds)
+
+
+class FullEquations:
+    """The equations of a mechanism for some samples, on one rank.
+
+    Parameters
+    ----------
+    kinematics
+        Rigid kinematics.
+    effects
+        Effects of the scene.
+    values
+        Parameter values of the samples, each of shape (n_samples,).
+    blocks
+        How samples lie in arrays.
+    initial
+        Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+    owned
+        The unknowns that this rank owns where ranks share one sample.
+
+    Attributes
+    ----------
+    initial, values
+        As given.
+    unknowns
+        The numbering.
+    constraints
+        All constraints, without those that follow from others.
+    chosen, owned_constraints
+        Numbers of the constraints here, and which of them have their multiplier on this rank.
+    layout
+        Where unknowns and entries lie in arrays.
+    problem
+        The equations.
+    actions, loads
+        Actions here, and the effect of every load.
+    damping, modal
+        Structural damping of all bodies, and modal damping of those here.
+    """
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        effects: Sequence[Effect],
+        values: Mapping[str, np.ndarray],
+        blocks: SampleBlocks,
+        initial: tuple[np.ndarray, np.ndarray],
+        owned: range | None = None,
+    ) -> None:
+        mechanism = kinematics.mechanism
+        unknowns = self.unknowns = Unknowns(mechanism)
+        self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
+        self.constraints = ConstraintSet(unknowns).independent(self._place(initial[0])[1])
+        self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
+        rows = self.rows = range(self.n_dofs) if owned is None else owned
+        self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
+        values = {name: np.broadcast_to(value, (blocks.n_samples,)) for name, value in values.items()}
+        share = Share(unknowns.bodies, rows, values, blocks, self.damping)
+        d = unknowns.dimension
+        self.owners = _first_unknowns(self.constraints)
+        self.chosen = _touching(self.constraints, share)
+        self.owned_constraints = share.owns(self.owners[self.chosen])
+        loads = self._loads_of(effects)
+        falling = [e for e in effects if isinstance(e, Weights) and any(body.n_amplitudes for body in unknowns.bodies)]
+        gravity = list(enumerate(falling, len(loads)))
+        by_name = {effect.name: effect for effect in effects}
+        self.loads = [*(by_name[load.effect] for load in loads), *falling]
+        parts = (
+            planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
+            spatial_masses(share, unknowns), floating_bodies(share, unknowns, gravity),
+        )  # fmt: skip
+        bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
+        self._acts = [_acts_here(action, unknowns, share) for action in actions_of(effects, d)]
+        self.actions = acting = self._actions_of(effects)
+        dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
+        coordinates = [c.connection for c in mechanism.coordinates] if d == 3 else []
+        angles = StatementRows([c.angle for c in coordinates], [c.sides for c in coordinates], unknowns.frame, d)
+        modal = self.modal = [one for one in self.damping.modal if share.owns(one.dofs).any()]
+        patterns = [pattern for _, pattern in parts] + [bound.pattern, of_actions]
+        needed = [np.arange(rows.start, rows.stop), angles.dofs[angles.dofs >= 0], *(one.dofs for one in modal)]
+        pattern = tuple(np.concatenate([*(part[k].ravel() for part in patterns), *needed]) for k in range(2))
+        self.layout = self._whole(pattern, n_all) if owned is None else RankLayout(self.n_dofs, n_all, pattern)
+        placed_parts = [placed(part, pattern, self.layout) for part, pattern in parts]
+        filled = {name: blocks.fill(value) for name, value in values.items()}
+        compiled = compile_actions(acting, filled, blocks.n_places, d)
+        n_parameters = compiled.parameters.shape[-1]
+        parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, n_parameters)
+        actions = BlockActions(
+            compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
+            self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),
+            np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
+        )  # fmt: skip
+        counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
+        units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        unknowns.frames(units)[:, d:] = 1.0
+        here = self.layout.needed[: self.layout.n_unknowns]
+        self.problem = contiguous(FullProblem(
+            width_of(blocks.n_lanes), d, *placed_parts, self._entries_of(loads, len(falling), values, blocks), actions,
+            ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
+            counting, self._pattern(), sections(share),
+            np.array([self.damping.rayleigh_of(k) for k in section_owners(unknowns.bodies)]), units[here],
+        ))  # fmt: skip
+        self._coordinates = angles
+        self.n_turns = angles.n + len(acting) if d == 3 else 0
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
+        return self.place(*self.initial)
+
+    def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
+        poses, q = self._place(theta)
+        pushed = self._kinematics.rates(poses)[..., 0]
+        if self.unknowns.dimension == 2:
+            return q, self._kinematics.mechanism.place_rates(poses[..., 0], pushed) @ rates
+        return q, self.unknowns.place(pushed @ rates)
+
+    def _place(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses (n_bodies, n_pose, 1) and unknowns (n_dofs,) of the undeformed mechanism."""
+        poses = self._kinematics.poses(theta)
+        return poses, self.unknowns.place(poses[..., 0])
+
+    def turns(self, theta: np.ndarray) -> np.ndarray:
+        """Return the angles that turns are counted from, those of coordinates (n_theta, n) and zero for others, rad,
+        shape (n_turns, n)."""
+        if not self.n_turns:
+            return np.zeros((0, theta.shape[1]))
+        still = np.zeros(theta.shape[1])
+        of_actions = [theta[action.coordinate] if action.coordinate >= 0 else still for action in self.actions]
+        return np.array([*theta, *of_actions])
+
+    def sources(self, effects: Sequence[Effect], motions: Sequence[Motion]) -> Sources:
+        """Return what changes with time alone of the effects that these equations were made of, or of others that
+        differ from them in nothing else."""
+        by_name = {effect.name: effect for effect in effects}
+        return Sources([by_name[effect.name] for effect in self.loads], self._actions_of(effects), motions)
+
+    def _actions_of(self, effects: Sequence[Effect]) -> tuple[Action, ...]:
+        """Return the actions of effects that are here."""
+        return tuple(compress(actions_of(effects, self.unknowns.dimension), self._acts))
+
+    @property
+    def moving_constraints(self) -> bool:
+        """Whether constraints turn with the mechanism or follow motions, rather than being always the same."""
+        return not self.constraints.linear or self.constraints.n_driven > 0
+
+    @property
+    def edges(self) -> list[int]:
+        """Numbers of the actions of all edges of laws."""
+        return [k for k, action in enumerate(self.actions) for _ in action.law.edges]
+
+    def frames(self, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes as outputs take them, in space with the coordinates behind.
+
+        Unknowns and turns have the shapes (n_dofs, n) and (n_turns, n), the frames (n_nodes, n_frame, n).
+        """
+        frames = self.unknowns.frames(q)
+        if self.unknowns.dimension == 2:
+            return frames
+        angles = self._coordinates.values(q, turns[: self._coordinates.n])
+        return np.concatenate([frames, np.broadcast_to(angles, (len(frames), *angles.shape))], axis=1)
+
+    def _whole(self, pattern: tuple[np.ndarray, np.ndarray], n: int) -> WholeLayout:
+        rows, columns = pattern
+        both = np.concatenate([rows, columns]), np.concatenate([columns, rows])
+        whole = sp.csr_matrix((np.ones(both[0].size), both), shape=(n, n))
+        levels = np.full(n, MESH)
+        frames = self.unknowns.frames(levels)
+        for body in self.unknowns.bodies:
+            frames[body.tied_nodes] = FRAMES
+        levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
+        return WholeLayout(analyse(whole, levels), self.n_dofs)
+
+    def _pattern(self) -> Pattern:
+        if isinstance(self.layout, WholeLayout):
+            symbolic = self.layout.symbolic
+            return Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
+        nothing = np.zeros((3, 0), dtype=np.int64)
+        return Pattern(self.layout.place, *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
+
+    def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
+        """Return the load terms; a couple that is constant in body frames is none in space."""
+        matrices = MassesOnDemand(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
+        return [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
+
+    def _entries_of(
+        self, loads: Sequence[Load], n_falling: int, values: Mapping[str, np.ndarray], blocks: SampleBlocks
+    ) -> Loads:
+        """Return the loads by their entries, and behind them as many without any as bodies in floating frames need to
+        know the strength of their weight."""
+        own = self.unknowns.in_mechanism(self.rows)
+        weights = evaluate_weights((load.weight for load in loads), values)
+        weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], (len(loads), blocks.n_samples))
+        vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), len(own)))
+        dofs = self.layout.unknowns(self.unknowns.of_mechanism(own.start + vectors.col.astype(int)))
+        weights = np.concatenate([weights, np.ones((n_falling, blocks.n_samples))])
+        return Loads(vectors.row.astype(int), dofs, vectors.data, blocks.pack(weights))
+
+
+def _first_unknowns(constraints: ConstraintSet) -> np.ndarray:
+    """Return the lowest unknown of every constraint, with which its multiplier goes, shape (n_constraints,)."""
+    rows, columns = constraints.jacobian_pattern
+    first = np.full(constraints.n_constraints, constraints.n_dofs)
+    np.minimum.at(first, rows, columns)
+    return first
+
+
+def _touching(constraints: ConstraintSet, share: Share) -> np.ndarray:
+    """Return the numbers of the constraints with an unknown of a rank, increasing."""
+    of_entries, columns = constraints.jacobian_pattern
+    return np.unique(of_entries[share.owns(columns)])
+
+
+def _acts_here(action: Action, unknowns: Unknowns, share: Share) -> bool:
+    """Return whether an action is on an unknown of a rank."""
+    return any(share.owns(unknowns.frame(side.node)).any() for side in action.sides if not side.on_ground)
+
+
+def pairs_of(
+    actions: Sequence[Action], frame: Callable[[int], np.ndarray]
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the unknowns of both nodes of every action, -1 on the ground, shape (n_actions, 2 m), which entries of
+    their tangents there are (`evaluate_actions`), and the unknowns that these pair.
+
+    `frame` gives the unknowns (m,) of a node.
+    """
+    m = frame(0).size
+    dofs = np.full((len(actions), 2, m), -1)
+    for action, both in zip(actions, dofs):
+        for side, own in zip(action.sides, both):
+            if not side.on_ground:
+                own[:] = frame(side.node)
+    dofs = dofs.reshape(len(actions), 2 * m)
+    moving = [np.flatnonzero(own >= 0) for own in dofs]
+    lower = [[own[part] for part in np.tril_indices(own.size)] for own in moving]
+    starts = np.cumsum([0, *(i.size for i, _ in lower)])
+    rows, columns = (np.concatenate([np.zeros(0, dtype=int), *(pair[k] for pair in lower)]) for k in (0, 1))
+    owner = np.repeat(np.arange(len(actions)), np.diff(starts))
+    return dofs, (starts, rows, columns), (dofs[owner, rows], dofs[owner, columns])
+
+
+def _first_of(dofs: np.ndarray) -> np.ndarray:
+    """Return the lowest unknown of every row, none being -1, shape (n,)."""
+    return np.where(dofs < 0, np.iinfo(dofs.dtype).max, dofs).min(axis=1, initial=np.iinfo(dofs.dtype).max)

@@ -1,0 +1,192 @@
+"""Steps of the generalised-alpha scheme for blocks of full-order samples, compiled.
+
+The equations and the control of the iteration are those of `alpha_step`: a step is predicted with the accelerations
+extrapolated linearly, and corrected until what remains is below the tolerance, every sample by itself. Equal steps in
+turn are one call, whose cost from Python is that of several of a small mechanism.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.full.forces import doubt_limited, forget_rates
+from pgmp_petsc.full.kernel import correct_block, count_turns
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
+from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def take_steps(
+    problem, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after, lost,
+    n_corrections,
+):  # fmt: skip
+    """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
+
+    Parameters
+    ----------
+    problem, factors
+        The equations, and the matrices of the iteration.
+    strengths
+        What acts at the ends of the steps, one a row.
+    probed
+        Which steps are corrected as if nothing were known of the contraction, shape (n_steps,).
+    scheme
+        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
+    typical_mass
+        As for `correct`.
+    step
+        s.
+    reference
+        Positions, velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs,
+        n_lanes), about which the states below are; of no steps where they are the motion itself.
+    behind
+        Accelerations one step before the beginning, shape (n_blocks, n_dofs, n_lanes).
+    before
+        ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or
+        n_turns, n_lanes), and the contraction to be expected, (n_blocks, n_lanes).
+    samples
+        Which to advance, shape (n_blocks, n_lanes); others stay as they are.
+    after
+        Results, as `before` with a leading axis of steps.
+    lost
+        Result: the samples whose iteration failed in the last step, shape (n_blocks, n_lanes).
+    n_corrections
+        Result: Newton corrections of each step, all samples together, shape (n_steps,).
+    """
+    n_steps = n_taken = strengths.loads.shape[0]
+    n_blocks, n_lanes = samples.shape
+    n_corrections[:] = 0
+    # when each sample was lost; a block goes through all steps while it is in the cache
+    when = np.full((n_blocks, n_lanes), n_steps)
+    work, flags = np.empty((3, n_lanes)), np.empty((2, n_lanes), dtype=np.bool_)
+    of_before = (
+        borrowed(before[0]), borrowed(before[1]), borrowed(before[2]), borrowed(before[3]), borrowed(before[4]),
+        borrowed(before[5]), borrowed(before[6]),
+    )  # fmt: skip
+    of_after = (
+        borrowed(after[0]), borrowed(after[1]), borrowed(after[2]), borrowed(after[3]), borrowed(after[4]),
+        borrowed(after[5]), borrowed(after[6]),
+    )  # fmt: skip
+    for block in range(n_blocks):
+        n_taken = _take_steps_of_block(
+            problem, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
+            borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work), borrowed(flags),
+            borrowed(when[block]), n_corrections,
+        )  # fmt: skip
+    keep(work)
+    keep(flags)
+    keep(when)
+    for block in range(n_blocks):
+        for lane in range(n_lanes):
+            lost[block, lane] = when[block, lane] == n_taken - 1
+    return n_taken
+
+
+@njit(inline="always")
+def _take_steps_of_block(
+    problem, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples,
+    after, work, flags, when, n_corrections,
+):  # fmt: skip
+    """Take up to n_steps steps of a block, to the one in which an iteration fails; return how many."""
+    width, lanes = problem.width, lanes_of(samples)
+    gains = (scheme[4], scheme[5], 1.0)
+    size, last, scale, active = work[0], work[1], work[2], flags[0]
+    lost, itself = flags[1], np.empty((0, samples.size))
+    lost[:] = False
+    about = reference[0].shape[0] > 0
+    q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
+    turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
+    rates, rubbing = borrowed(problem.actions.about)[block], rubs(problem.actions.laws)
+    for k in range(n_steps):
+        ahead = after[0][k, block], after[1][k, block], after[2][k, block]
+        forces, counted = after[3][k, block], after[4][k, block]
+        follows, expected = after[5][k, block], after[6][k, block]
+        amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
+        _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead)
+        _copy(width, multipliers, forces)
+        _copy(width, turns, counted)
+        for lane in range(samples.size):
+            expected[lane] = FIRST_CONTRACTION if probed[k] or rubbing else contraction[lane]
+            active[lane] = samples[lane]
+        if about:
+            _add(width, 1.0, reference[0][k, block], ahead[0])
+            _add(width, 1.0, reference[1][k, block], ahead[1])
+            _add(width, 1.0, reference[2][k, block], ahead[2])
+        state = ahead[0], ahead[1], ahead[2], forces, counted
+        going = lanes
+        forget_rates(rates)
+        for iteration in range(MAX_ITERATIONS):
+            if going == 0:
+                break
+            for lane in range(samples.size):
+                n_corrections[k] += active[lane]
+            fresh = iteration % REFRESH_EVERY == 0
+            correct_block(
+                problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh, scale,
+                size,
+            )  # fmt: skip
+            doubt_limited(rates, last)
+            judge(iteration, size, last, expected, active, lost)
+            going = lanes_of(active)
+        for lane in range(samples.size):
+            lost[lane] |= active[lane]
+            if lost[lane]:
+                expected[lane] = FIRST_CONTRACTION
+                when[lane] = k
+        count_turns(problem, ahead[0], counted)
+        if about:
+            _add(width, -1.0, reference[0][k, block], ahead[0])
+            _add(width, -1.0, reference[1][k, block], ahead[1])
+            _add(width, -1.0, reference[2][k, block], ahead[2])
+        _follow(width, scheme, a, auxiliary, ahead[2], lanes, follows)
+        if lanes_of(lost):
+            return k + 1
+        behind, q, v, a, multipliers = a, ahead[0], ahead[1], ahead[2], forces
+        turns, auxiliary, contraction = counted, follows, expected
+    return n_steps
+
+
+@njit(error_model="numpy", forceinline=True)
+def _copy(width, x, into):
+    """Copy x (n, n_lanes)."""
+    x, into = items(x, width), items(into, width)
+    for k in range(x.size):
+        into[k] = x[k]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _add(width, factor, x, into):
+    """Add a multiple of x (n_dofs, n_lanes)."""
+    x, into = items(x, width), items(into, width)
+    for dof in range(x.size):
+        into[dof] += factor * x[dof]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead):
+    """Predict the end of a step with the accelerations at its beginning and one step before, (n_dofs, n_lanes)."""
+    alpha_m, alpha_f, beta, gamma, _, _ = scheme
+    q, v, a, auxiliary = items(q, width), items(v, width), items(a, width), items(auxiliary, width)
+    behind, places, rates = items(behind, width), items(ahead[0], width), items(ahead[1], width)
+    accelerations, weight = items(ahead[2], width), 1.0 / (1.0 - alpha_m)
+    for dof in range(q.size):
+        now, known = a[dof], auxiliary[dof]
+        then = now + (now - behind[dof])
+        end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * known) * weight
+        moved = step * v[dof] + step * step * ((0.5 - beta) * known + beta * end)
+        places[dof] = q[dof] + select(lanes, moved, 0.0)
+        rates[dof] = v[dof] + select(lanes, step * ((1.0 - gamma) * known + gamma * end), 0.0)
+        accelerations[dof] = select(lanes, then, now)
+
+
+@njit(error_model="numpy", forceinline=True)
+def _follow(width, scheme, a, auxiliary, ahead, lanes, follows):
+    """Find the auxiliary accelerations at the end of a step from the accelerations there."""
+    alpha_m, alpha_f = scheme[0], scheme[1]
+    a, auxiliary, ahead, follows = items(a, width), items(auxiliary, width), items(ahead, width), items(follows, width)
+    for dof in range(a.size):
+        # to the last bit what `alpha_step` finds where a neighbour is lost
+        end = ((1.0 - alpha_f) * ahead[dof] + alpha_f * a[dof] - alpha_m * auxiliary[dof]) / (1.0 - alpha_m)
+        follows[dof] = select(lanes, end, auxiliary[dof])

@@ -1,0 +1,329 @@
+"""Local effects in the reduced model, LANES samples at a time, compiled, in the plane and in space.
+
+With the frames of its two nodes and their Jacobian J (`action_frames`), an action (`effects.action`) with the statement
+s, its gradient g and second derivative h in the frames adds to the equations of motion
+
+    r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
+
+without the change of J with eta. An angle is that turn of its joint which is nearest to the rigid mechanism's. Laws
+are evaluated lane by lane: they have cases.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.effects.action import Actions
+from pgmp_petsc.effects.law import obey
+from pgmp_petsc.mechanism.statements import evaluate
+from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
+
+POWER, STORED, FORCE = range(3)  # what is known of an action
+ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
+
+
+class Chosen(NamedTuple):
+    """Some of the actions, and the nodes that they hold at: increasing numbers, each of shape (n,)."""
+
+    actions: np.ndarray
+    nodes: np.ndarray
+
+
+class LocalEffects(NamedTuple):
+    """The actions of a batch, where they hold, and which there are: all of them, and those whose law has an edge."""
+
+    places: Places
+    actions: Actions
+    all: Chosen
+    with_edges: Chosen
+
+
+class Acting(NamedTuple):
+    """Terms that actions add to the equations of motion of a batch; empty where there are none.
+
+    Attributes
+    ----------
+    balance
+        ``- J^T F g`` of all actions, shape (n_blocks, n_eta, LANES).
+    tangent
+        Its derivative with eta, shape (n_blocks, n_eta, n_eta, LANES).
+    """
+
+    balance: np.ndarray
+    tangent: np.ndarray
+
+    @classmethod
+    def empty(cls, n_blocks: int, n_eta: int) -> Acting:
+        """Return what is zero so far."""
+        return cls(aligned_zeros((n_blocks, n_eta, LANES)), aligned_zeros((n_blocks, n_eta, n_eta, LANES)))
+
+
+class LocalWork(NamedTuple):
+    """Work arrays of local effects, for one block of samples; arrays of vectors (..., LANES).
+
+    Attributes
+    ----------
+    frames
+        Of the nodes.
+    z, gradient, spare
+        Of one action's two frames, (2 n_frame).
+    hessian
+        Of its statement, (2 n_frame, 2 n_frame).
+    jacobian
+        Of its frames, (2 n_frame, n_eta).
+    bent, projected
+        A row of h J, and ``J^T g``, (n_eta).
+    measured
+        The measure and its rate, the force and its derivatives, (5).
+    """
+
+    frames: Frames
+    z: np.ndarray
+    gradient: np.ndarray
+    spare: np.ndarray
+    hessian: np.ndarray
+    jacobian: np.ndarray
+    bent: np.ndarray
+    projected: np.ndarray
+    measured: np.ndarray
+
+
+MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING = range(5)  # rows of `LocalWork.measured`
+
+
+@njit(error_model="numpy", forceinline=True)
+def allocate_local(local, r, n_eta):
+    """Return work arrays."""
+    d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
+    n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
+    n_rigid = local.places.rigid.shape[2] // N_POWERS**r
+    n = 2 * n_frame
+    frames = Frames(
+        empty_lanes(r, LANES),
+        empty_lanes(n_rigid, LANES),
+        empty_lanes(r * n_rigid, LANES),
+        empty_lanes(n_dofs, LANES),
+        empty_lanes(n_dofs * n_eta, LANES).reshape((n_dofs, n_eta, LANES)),
+        empty_lanes(9, LANES).reshape((3, 3, LANES)),
+        empty_lanes(3, LANES),
+        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
+        empty_lanes(n_nodes * n_frame * n_eta, LANES).reshape((n_nodes, n_frame, n_eta, LANES)),
+    )
+    return LocalWork(
+        frames,
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n * n, LANES).reshape((n, n, LANES)),
+        empty_lanes(n * n_eta, LANES).reshape((n, n_eta, LANES)),
+        empty_lanes(n_eta, LANES),
+        empty_lanes(n_eta, LANES),
+        empty_lanes(DAMPING + 1, LANES),
+    )
+
+
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
+def act(
+    local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known,
+    depths
+):  # fmt: skip
+    """Evaluate some actions on a block.
+
+    Parameters
+    ----------
+    chosen
+        Those to be evaluated.
+    grid
+        Cells of the tables.
+    amplitudes
+        Of the actions now, vectors (n_actions, LANES).
+    q, v
+        Vectors (n_eta, LANES).
+    samples
+        Number of the sample in each lane, shape (LANES,).
+    lanes
+        A set of them, whose laws are evaluated; others have no forces.
+    gain_v
+        Derivative of eta' with eta within a step, a vector.
+    with_tangent
+        Whether `acting.tangent` is wanted.
+    limiting
+        Whether laws are limited (`Law.about_zero`).
+    work
+        See `LocalWork`.
+    kept
+        `KeptPlaces` of the block.
+    acting
+        Result, of this block.
+    known
+        Result: power of what is not elastic (W), potential energy (J) and force (N or N m); shape (n_samples, 3,
+        n_actions). In a fourth row, rates are kept for the next iterate.
+    depths
+        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
+    """
+    places, actions = local.places, local.actions
+    n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
+    for i in range(n):
+        store(acting.balance, i, 0.0)
+        for j in range(n if with_tangent else 0):
+            store(acting.tangent, i * n + j, 0.0)
+    place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, kept, work.frames)
+    first_angle = work.frames.rigid.shape[0] - n_actions
+    for number in range(chosen.actions.size):
+        action = chosen.actions[number]
+        attach(places, actions.statements, action, work)
+        turned = load(work.frames.rigid, first_angle + action)
+        for k in range(r):
+            turned += places.winding[action, k] * load(q, k)
+        kind, axes = actions.statements.kinds[action], actions.statements.axes[action]
+        s = evaluate(
+            kind, axes, items(work.z, WIDE), turned, with_tangent, items(work.gradient, WIDE),
+            items(work.hessian, WIDE), items(work.spare, WIDE),
+        )  # fmt: skip
+        project(v, work)
+        store(work.measured, MEASURE, s)
+        _obey(actions, action, amplitudes, samples, lanes, limiting, work.measured, known, depths)
+        force = load(work.measured, STRENGTH)
+        for i in range(n):
+            add(acting.balance, i, -force * load(work.projected, i))
+        if with_tangent:
+            stiffness = load(work.measured, STIFFNESS) + gain_v * load(work.measured, DAMPING)
+            _add_tangent(stiffness, force, work, acting.tangent)
+
+
+@njit(error_model="numpy", counted=False)
+def forget_rates(known, samples, lanes):
+    """Begin an iteration of some lanes: no law is known to have been evaluated."""
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for action in range(known.shape[2]):
+                known[samples[lane], ABOUT, action] = np.nan
+
+
+@njit(error_model="numpy", counted=False)
+def limited_lanes(known, samples, lanes):
+    """Return those of some lanes of which a law was limited."""
+    found = 0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for action in range(known.shape[2]):
+                found |= np.int64(np.isnan(known[samples[lane], ABOUT, action])) << lane
+    return found
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def attach(places, statements, action, work):
+    """Fill an action's two frames and their Jacobian."""
+    d, n = statements.axes.shape[2], statements.ground.shape[1] // 2
+    z, jacobian = items(work.z, WIDE), items(work.jacobian, WIDE)
+    frames, jacobians = items(work.frames.frames, WIDE), items(work.frames.jacobians, WIDE)
+    n_eta = jacobian.shape[1]
+    for side in range(2):
+        first, node = n * side, places.sides[action, side]
+        if node < 0:
+            for c in range(n):
+                z[first + c] = statements.ground[action, first + c]
+                for i in range(n_eta):
+                    jacobian[first + c, i] = 0.0
+            continue
+        for c in range(n):
+            z[first + c] = frames[node, c]
+            for i in range(n_eta):
+                jacobian[first + c, i] = jacobians[node, c, i]
+        for j in range(d):
+            arm = statements.arms[action, side, j]
+            if arm != 0.0:
+                for c in range(d):
+                    at = first + d + d * j + c
+                    z[first + c] += arm * z[at]
+                    for i in range(n_eta):
+                        jacobian[first + c, i] += arm * jacobian[at, i]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def project(v, work):
+    """Fill ``J^T g`` and the rate of the measure, ``g^T J eta'``."""
+    n_eta = work.projected.shape[0]
+    for i in range(n_eta):
+        store(work.projected, i, 0.0)
+    for c in range(work.gradient.shape[0]):
+        slope = load(work.gradient, c)
+        if differing(slope, spread(0.0)) != 0:  # few are not
+            for i in range(n_eta):
+                add(work.projected, i, slope * load(work.jacobian, c * n_eta + i))
+    rate = spread(0.0)
+    for i in range(n_eta):
+        rate += load(work.projected, i) * load(v, i)
+    store(work.measured, RATE, rate)
+
+
+@njit(error_model="numpy", counted=False)
+def _obey(actions, action, amplitudes, samples, lanes, limiting, measured, known, depths):
+    """Evaluate an action's law in some lanes, no force in others, and note what is `known`, and `depths`."""
+    address, edge = actions.laws.addresses[action], actions.laws.edges[action]
+    for lane in range(LANES):
+        if not lanes & (1 << lane):
+            measured[STRENGTH, lane] = measured[STIFFNESS, lane] = measured[DAMPING, lane] = 0.0
+            continue
+        p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
+        s, rate = measured[MEASURE, lane], measured[RATE, lane]
+        about = of_sample[ABOUT, action] if limiting else np.nan
+        found = obey(address, p, amplitudes[action, lane], s, rate, about, depths[samples[lane], edge:])
+        measured[STRENGTH, lane], measured[STIFFNESS, lane] = found.force, found.stiffness
+        measured[DAMPING, lane] = found.damping
+        of_sample[POWER, action], of_sample[STORED, action] = (found.force - found.elastic) * rate, found.stored
+        of_sample[FORCE, action], of_sample[ABOUT, action] = found.force, found.about
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _add_tangent(stiffness, force, work, tangent):
+    """Add ``J^T (stiffness g g^T - F h) J`` to the tangent (n_eta, n_eta, LANES)."""
+    n, n_pair = work.projected.shape[0], work.z.shape[0]
+    for i in range(n):
+        across = stiffness * load(work.projected, i)
+        for j in range(n):
+            add(tangent, i * n + j, across * load(work.projected, j))
+    if differing(force, spread(0.0)) == 0:
+        return
+    for c in range(n_pair):
+        touched = False
+        for d in range(n_pair):
+            bent = load(work.hessian, c * n_pair + d)
+            if differing(bent, spread(0.0)) != 0:  # few are not
+                bent = bent * force
+                for j in range(n):
+                    part = bent * load(work.jacobian, d * n + j)
+                    store(work.bent, j, load(work.bent, j) + part if touched else part)
+                touched = True
+        if touched:
+            for i in range(n):
+                turn = load(work.jacobian, c * n + i)
+                for j in range(n):
+                    add(tangent, i * n + j, -turn * load(work.bent, j))
+
+
+@njit(error_model="numpy", forceinline=True, counted=False)
+def add_tangents(tangent, r, matrix):
+    """Add the actions' tangents (n_eta, n_eta, LANES) to the iteration matrix.
+
+    A force that turns with its body has no symmetric tangent; its mean serves the symmetric flexible block.
+    """
+    n = tangent.shape[0]
+    m = n - r
+    into = 0
+    for i in range(m):
+        for j in range(i + 1):
+            both = load(tangent, (r + i) * n + r + j) + load(tangent, (r + j) * n + r + i)
+            add(matrix.factor, into, 0.5 * both)
+            into += 1
+        for k in range(r):
+            add(matrix.column, k * m + i, load(tangent, (r + i) * n + k))
+            add(matrix.row, k * m + i, load(tangent, k * n + r + i))
+    for k in range(r):
+        for j in range(r):
+            add(matrix.corner, k * r + j, load(tangent, k * n + j))

@@ -1,0 +1,211 @@
+"""Where the local effects of a reduced model hold: rigid kinematics and mode shapes of their nodes, as interpolants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.effects.action import Action, compile_actions
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.time_function import TimeFunction, joined
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.statements import ANGLE
+from pgmp_petsc.reduced.action_frames import Places
+from pgmp_petsc.reduced.action_kernel import Chosen, LocalEffects
+from pgmp_petsc.reduced.arrays import Strengths
+from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduced.terms import grid_of, in_radians
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.length_grid import LengthGrid
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import fine_grid
+from pgmp_petsc.runtime.vectors import N_POWERS
+
+
+@dataclass(frozen=True)
+class ReducedActions:
+    """The actions of a scene in the reduced model.
+
+    Attributes
+    ----------
+    actions
+        Actions of all effects.
+    places
+        Where they hold; without actions all of its arrays are empty.
+    dimension
+        2 in the plane, 3 in space.
+    rigid
+        What the rigid part of `places` was made from, `rigid_places`; None without actions.
+    weights
+        Of the terms of `places`.
+    """
+
+    actions: tuple[Action, ...]
+    places: Places
+    dimension: int = 2
+    rigid: Interpolant | None = None
+    weights: tuple[Monomial, ...] = (Monomial(),)
+
+    @classmethod
+    def of(
+        cls,
+        actions: Sequence[Action],
+        kinematics: RigidKinematics,
+        rom: ReducedOrderModel,
+        scheme: str,
+        start: np.ndarray,
+        parts: int,
+    ) -> ReducedActions:
+        """Prepare the tables of the nodes that actions hold at.
+
+        Parameters
+        ----------
+        scheme
+            Interpolation of the mode shapes over the samples.
+        start
+            Coordinates at the start, shape (n_theta,), from where angles that are none count their turns.
+        parts
+            Number of parts of a cell between samples.
+        """
+        if not actions:
+            return cls.none(kinematics.n_coordinates)
+        sides = [side for action in actions for side in action.sides]
+        nodes = nodes_of(actions)
+        rows = np.concatenate([kinematics.mechanism.node_dofs(node) for node in nodes])
+        shapes = rom.projection[:, rows]
+        if rom.curvature is not None:
+            shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
+        rigid, winding = rigid_places(actions, kinematics, fine_grid(rom.tables.samples), start)
+        bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme)
+        places = Places(
+            fine=grid_of(rigid),
+            rigid=_rows(rigid, 1),
+            shapes=_rows(bent, parts),
+            together=np.zeros(1, dtype=np.int64),
+            winding=winding,
+            sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
+            n_nodes=len(nodes),
+        )
+        return cls(tuple(actions), places, kinematics.mechanism.space.dimension, rigid)
+
+    @classmethod
+    def joined(cls, grid: LengthGrid, members: Sequence[ReducedActions]) -> ReducedActions:
+        """Return the actions of any lengths from those at the points of a grid; see `reduction.length_family`."""
+        first = members[0]
+        if not first.actions:
+            return first
+        rigid, shapes = ([getattr(member.places, name) for member in members] for name in ("rigid", "shapes"))
+        places = first.places._replace(
+            rigid=grid.coefficients([_same_turns(one, rigid[0], first.places.winding) for one in rigid]),
+            shapes=grid.coefficients(shapes),
+            together=np.zeros(len(members), dtype=np.int64),
+        )
+        return cls(first.actions, places, first.dimension, None, grid.weights(first.weights))
+
+    @classmethod
+    def none(cls, n_theta: int) -> ReducedActions:
+        """Return no actions."""
+        empty, nowhere, whole = np.zeros((1, 1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
+        sides = np.zeros((0, 2), dtype=np.int64)
+        return cls((), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0))
+
+    @property
+    def edges(self) -> list[tuple[int, int]]:
+        """Edges of laws: number of the action, and of the edge among those of its law."""
+        return [(k, number) for k, action in enumerate(self.actions) for number in range(len(action.law.edges))]
+
+    def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
+        """Return what the kernel takes, for samples with values of shape (n_samples,)."""
+        compiled = compile_actions(self.actions, values, n_samples, self.dimension)
+        with_edges = [k for k, action in enumerate(self.actions) if action.law.edges]
+        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(with_edges))
+
+    def _chosen(self, numbers: Sequence[int]) -> Chosen:
+        """Return some actions with their nodes."""
+        actions = np.array(numbers, dtype=np.int64)
+        nodes = np.unique(self.places.sides[actions])
+        return Chosen(actions, nodes[nodes >= 0])
+
+
+def nodes_of(actions: Sequence[Action]) -> list[int]:
+    """Return the nodes that actions hold at, increasing."""
+    return sorted({side.node for action in actions for side in action.sides if not side.on_ground})
+
+
+def rigid_places(
+    actions: Sequence[Action], kinematics: RigidKinematics, fine: SampleGrid, start: np.ndarray
+) -> tuple[Interpolant, np.ndarray]:
+    """Return the frames of `nodes_of` actions on the rigid mechanism, and behind them the actions' angles less their
+    winding, 0 where they have none, as one interpolant; and the winding, shape (n_actions, n_theta)."""
+    space, poses, frames = kinematics.mechanism.space, kinematics.poses(fine.theta), []
+    for body, point in map(kinematics.mechanism.body_of, nodes_of(actions)):
+        frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
+    angles, winding = np.zeros((fine.n, len(actions))), np.zeros((len(actions), fine.n_coordinates))
+    for k, action in enumerate(actions):
+        if action.statement.kind == ANGLE:
+            angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
+    return interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline"), winding
+
+
+def functions_of_time(
+    effects: Sequence[Effect], actions: Sequence[Action], motions: Mapping[int, Motion], n_theta: int
+) -> Strengths:
+    """Return what gives loads of effects, sources among actions and motions of coordinates at any time: `TimeFunctions`
+    in place of their values."""
+    nothing = TimeFunction.constant(0.0)
+    return Strengths(
+        joined([effect.strength for effect in effects]),
+        joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
+        joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
+    )
+
+
+def _rows(part: Interpolant, parts: int) -> np.ndarray:
+    """Return the polynomials of every cell in a row, of places in rad, shape (n_cells, 1, n_entries * 4**n_theta)."""
+    return in_radians(part.polynomials(parts)[:, :, None], grid_of(part, parts))
+
+
+def _same_turns(rigid: np.ndarray, other: np.ndarray, winding: np.ndarray) -> np.ndarray:
+    """Return polynomials of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
+    found, (n_actions, n_theta) = rigid.copy(), winding.shape
+    n_powers = N_POWERS**n_theta
+    angles = slice(found.shape[2] - n_actions * n_powers, None, n_powers)  # the constant terms
+    away = found[0, 0, angles] - other[0, 0, angles]
+    found[:, 0, angles] -= 2 * np.pi * np.rint(away / (2 * np.pi))
+    return found
+
+
+def _counted(
+    action: Action, kinematics: RigidKinematics, poses: np.ndarray, fine: SampleGrid, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted.
+
+    A coordinate is its own angle. In the plane bodies count their turns; in space the angle of another joint is
+    followed over the grid, and in (-pi, pi] at the start.
+    """
+    if action.coordinate >= 0:
+        return np.zeros(fine.n), np.eye(fine.n_coordinates)[action.coordinate]
+    space = kinematics.mechanism.space
+
+    def measured(at: np.ndarray) -> np.ndarray:
+        return space.angle(action.statement, *(side.frame_of_pose(at) for side in action.sides))
+
+    winding = np.zeros(fine.n_coordinates)
+    angles = measured(poses).reshape(fine.shape)
+    for k in range(fine.n_coordinates):
+        angles = np.unwrap(angles, axis=k)
+    for k, axis in enumerate(fine.axes):
+        if axis.periodic:
+            line = np.moveaxis(angles, k, 0).reshape(axis.n, -1)[:, 0]
+            winding[k] = 2 * np.pi * np.rint((line[-1] - line[0]) / (2 * np.pi)) / (axis.upper - axis.lower)
+    angles = angles.ravel() - fine.theta @ winding
+    if space.dimension == 3:
+        first = measured(kinematics.poses(start[None]))[0]
+        away = first - angles[fine.nearest(start[None])[0]] - winding @ start
+        angles += 2 * np.pi * np.rint(away / (2 * np.pi))
+    return angles, winding

@@ -1,0 +1,295 @@
+"""Arrays that the compiled reduced equations take, keep of every block of samples, and work with.
+
+Arrays of vectors have the shape (n, LANES); see `vectors`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.reduced.action_frames import KeptPlaces
+from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects
+from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import empty_lanes
+from pgmp_petsc.runtime.vectors import LANES
+
+
+class Layout(NamedTuple):
+    """Where the parts of a table row begin.
+
+    Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V,
+    c_kl, k >= l, and A_k; packed structural damping, if there is any; and the end. A load row has n_eta entries, and
+    with terms of second order packed B after them. Symmetric matrices are packed as lower triangles row by row, skew
+    ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
+
+    Attributes
+    ----------
+    rigid
+        Numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are.
+    n_eta
+        Number of coordinates.
+    quadratic
+        Whether inertia forces quadratic in the velocities act; in slow motion they may be left out.
+    """
+
+    rigid: tuple[int, ...]
+    n_eta: int
+    coupling: int
+    stiffness: int
+    cubic: int
+    swing: int
+    gyroscopic: int
+    damping: int
+    end: int
+    load_end: int
+    quadratic: bool
+
+    @property
+    def second_order(self) -> bool:
+        """Whether there are terms of second order."""
+        return self.cubic < self.damping
+
+    @property
+    def n_rigid(self) -> int:
+        """Number of entries of the packed rigid inertia, with which a row begins."""
+        return len(self.rigid) * (len(self.rigid) + 1) // 2
+
+
+class Work(NamedTuple):
+    """State of one block of samples, and what is evaluated there: arrays of vectors (n, LANES).
+
+    Attributes
+    ----------
+    q, rate, acceleration
+        Coordinates of the iterate and their derivatives, n_eta each.
+    v, a
+        Velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
+        ``Layout.quadratic``), n_eta each.
+    balance
+        The residual, n_eta.
+    rigid, rigid_slope
+        Packed rigid inertia, and its derivatives, coordinate after coordinate.
+    load, load_slope
+        ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
+    moved, pulled, turned
+        ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate
+        after coordinate.
+    bent
+        ``V delta``, packed.
+    along, across
+        Products of a matrix with delta and with delta', n_delta each.
+    place
+        In the cells, n_theta, rad.
+    """
+
+    q: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    balance: np.ndarray
+    rigid: np.ndarray
+    rigid_slope: np.ndarray
+    load: np.ndarray
+    load_slope: np.ndarray
+    moved: np.ndarray
+    pulled: np.ndarray
+    turned: np.ndarray
+    bent: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+    place: np.ndarray
+
+
+class Matrix(NamedTuple):
+    """Iteration matrix ``[[corner, row], [column, factor]]`` of one block of samples, arrays of vectors (n, LANES).
+
+    Attributes
+    ----------
+    factor
+        Symmetric part of the flexible block, packed, or the lower one of its factors.
+    corner
+        ``d r_k / d theta_j``, row by row; n_theta^2 entries.
+    column, row
+        ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
+    skew
+        Skew part of the flexible block, packed, with a diagonal that is not used, or the upper one of its factors; no
+        entries without terms of second order.
+    """
+
+    factor: np.ndarray
+    corner: np.ndarray
+    column: np.ndarray
+    row: np.ndarray
+    skew: np.ndarray
+
+
+@njit(inline="always")
+def pair(k, j):
+    """Return the place of entry (k, j) of a packed symmetric matrix."""
+    return k * (k + 1) // 2 + j if k >= j else j * (j + 1) // 2 + k
+
+
+@njit(inline="always")
+def layout_n_rigid(r):
+    """Return the number of entries of the packed rigid inertia."""
+    return r * (r + 1) // 2
+
+
+class Tables(NamedTuple):
+    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_entries * n_powers).
+
+    In radians from the lower end of a cell: of degree 7 in each coordinate for the rigid inertia, cubic for the others.
+    """
+
+    rigid: np.ndarray
+    terms: np.ndarray
+    loads: np.ndarray
+
+
+class Weights(NamedTuple):
+    """Of the terms and of the load terms, (n_blocks, n, LANES); and the number of the effect of each load term.
+
+    `together` are as many zeros as there are terms: all of them add to one polynomial.
+    """
+
+    terms: np.ndarray
+    loads: np.ndarray
+    effects: np.ndarray
+    together: np.ndarray
+
+
+class Equations(NamedTuple):
+    """Parts of the equations of motion of a batch.
+
+    Attributes
+    ----------
+    layout
+        Parts of a table row.
+    grid
+        `Grid` of every coordinate.
+    tables, weights
+        See `Tables`, `Weights`.
+    local
+        Local effects.
+    mass_damping
+        Factor alpha of the damping proportional to the mass, 1/s.
+    prescribed
+        Whether a coordinate's motion is given, shape (n_theta,).
+    scale
+        Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
+    """
+
+    layout: Layout
+    grid: tuple[Grid, ...]
+    tables: Tables
+    weights: Weights
+    local: LocalEffects
+    mass_damping: float
+    prescribed: np.ndarray
+    scale: np.ndarray
+
+
+class Memory(NamedTuple):
+    """Values kept of every block from one evaluation to the next.
+
+    Attributes
+    ----------
+    samples
+        Number of the sample in each lane, (n_blocks, LANES); where none is left the last one again.
+    cells
+        Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
+    rigid, terms, loads
+        Polynomials there, (n_blocks, n_entries * n_powers, LANES): of the rigid inertia, of the other terms, and of a
+        unit of every effect's amplitude, effect after effect.
+    matrix
+        Iteration matrices, each array with an axis of blocks in front.
+    places
+        `KeptPlaces` of the local effects, each array with an axis of blocks in front.
+    acting
+        What local effects add; see `action_kernel.Acting`.
+    known, depths
+        See `action_kernel.act`.
+    """
+
+    samples: np.ndarray
+    cells: np.ndarray
+    rigid: np.ndarray
+    terms: np.ndarray
+    loads: np.ndarray
+    matrix: Matrix
+    places: KeptPlaces
+    acting: Acting
+    known: np.ndarray
+    depths: np.ndarray
+
+
+class Strengths(NamedTuple):
+    """Strengths at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES).
+
+    Attributes
+    ----------
+    loads, actions
+        Amplitudes of the effects with loads, n_effects, and of the actions, n_actions.
+    motions
+        Position, velocity and acceleration of every coordinate, where they are given, 3 n_theta; none if none are.
+    """
+
+    loads: np.ndarray
+    actions: np.ndarray
+    motions: np.ndarray
+
+
+@njit(error_model="numpy", forceinline=True)
+def allocate(layout):
+    """Return work arrays of one block."""
+    r, n = len(layout.rigid), layout.n_eta
+    m = n - r
+    return Work(
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(layout_n_rigid(r), LANES),
+        empty_lanes(r * layout_n_rigid(r), LANES),
+        empty_lanes(layout.load_end, LANES),
+        empty_lanes(r * layout.load_end, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * m, LANES),
+        empty_lanes(m * (m + 1) // 2, LANES),
+        empty_lanes(max(r, m), LANES),
+        empty_lanes(max(r, m), LANES),
+        empty_lanes(r, LANES),
+    )
+
+
+@njit(inline="always")
+def matrix_of(memory, block):
+    """Return the iteration matrix of a block."""
+    whole = memory.matrix
+    return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block])
+
+
+@njit(inline="always")
+def upper_of(matrix):
+    """Return the upper factor, transposed: the lower one where there is no skew part."""
+    return matrix.skew if matrix.skew.shape[0] > 0 else matrix.factor
+
+
+@njit(inline="always")
+def places_of(memory, block):
+    """Return the polynomials of local effects in the cells of a block."""
+    whole = memory.places
+    return KeptPlaces(whole.cells[block], whole.weights[block], whole.rigid[block], whole.shapes[block])
+
+
+@njit(inline="always")
+def acting_of(memory, block):
+    """Return what local effects add to a block."""
+    return Acting(memory.acting.balance[block], memory.acting.tangent[block])

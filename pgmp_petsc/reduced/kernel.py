@@ -1,0 +1,284 @@
+"""Newton corrections of the reduced model, LANES samples at a time, compiled.
+
+The equations are those of `reduced_lagrangian`. Their tables are interpolated at the sample's own theta and weighted
+with its own parameters.
+
+A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its
+row is the driving force.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
+from pgmp_petsc.reduced.bordered import eliminate, solve
+from pgmp_petsc.reduced.cells import locate_all, refill
+from pgmp_petsc.reduced.lagrangian import evaluate
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import empty_lanes
+from pgmp_petsc.runtime.vectors import (
+    EVERY_LANE,
+    LANES,
+    N_POWERS,
+    absolute,
+    add_product,
+    blend,
+    differing,
+    equal,
+    first_lane,
+    larger,
+    load,
+    load_rows,
+    polynomial,
+    rigid_polynomial,
+    spread,
+    store,
+)
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
+def interpolate(equations, memory, block, amplitudes, work):
+    """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
+    layout, tables, weights = equations.layout, equations.tables, equations.weights
+    loads, n_rigid = memory.loads[block], layout_n_rigid(len(equations.grid))
+    n_powers = N_POWERS ** len(equations.grid)
+    first, end = n_rigid * n_powers, layout.end * n_powers
+    cells = locate_all(work.q, equations.grid, work.place)
+    moved = differing(cells, load(memory.cells, block))
+    store(memory.cells, block, cells)
+    while moved != 0:
+        number = memory.cells[block, first_lane(moved)]
+        entering, cell, own = moved & equal(cells, spread(number)), int(number), weights.terms[block]
+        moved &= ~entering
+        refill(tables.rigid, cell, own, weights.together, 0, tables.rigid.shape[2], entering, memory.rigid[block])
+        refill(tables.terms, cell, own, weights.together, first, end, entering, memory.terms[block])
+        if amplitudes.size > 0:
+            refill(tables.loads, cell, weights.loads[block], weights.effects, 0, tables.loads.shape[2], entering, loads)
+    place = load_rows(work.place, 0, 1, layout.rigid)
+    for entry in range(n_rigid):
+        value, slopes = rigid_polynomial(memory.rigid[block], entry, place)
+        store(work.rigid, entry, value)
+        for k in range(len(place)):
+            store(work.rigid_slope, k * n_rigid + entry, slopes[k])
+    if amplitudes.size > 0:
+        for entry in range(layout.load_end):
+            value, slopes = polynomial(loads, entry, place)
+            amplitude = load(amplitudes, 0)
+            store(work.load, entry, value * amplitude)
+            for k in range(len(place)):
+                store(work.load_slope, k * layout.load_end + entry, slopes[k] * amplitude)
+        for effect in range(1, amplitudes.shape[0]):
+            amplitude = load(amplitudes, effect)
+            for entry in range(layout.load_end):
+                value, slopes = polynomial(loads, effect * layout.load_end + entry, place)
+                store(work.load, entry, load(work.load, entry) + value * amplitude)
+                total = load_rows(work.load_slope, entry, layout.load_end, place)
+                total = add_product(total, slopes, amplitude)
+                for k in range(len(place)):
+                    store(work.load_slope, k * layout.load_end + entry, total[k])
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
+def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
+    """Evaluate residual and, if `fresh`, iteration matrix at ``work.q``, ``work.rate`` and ``work.acceleration``.
+
+    Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own.
+    """
+    layout = equations.layout
+    r, n = len(layout.rigid), layout.n_eta
+    gain_v, gain_a = gains
+    interpolate(equations, memory, block, amplitudes, work)
+    for i in range(n):
+        rate = load(work.rate, i)
+        store(work.v, i, rate if layout.quadratic else spread(0.0))
+        # the inertia forces see other accelerations where damping is proportional to the mass
+        store(work.a, i, load(work.acceleration, i) + rate * equations.mass_damping)
+    place = load_rows(work.place, 0, 1, layout.rigid)
+    matrix = matrix_of(memory, block)
+    evaluate(
+        layout, memory.terms[block], place, gain_v, gain_a + gain_v * equations.mass_damping, fresh,
+        amplitudes.size > 0, work, matrix,
+    )  # fmt: skip
+    if memory.acting.balance.size > 0:
+        acting = acting_of(memory, block)
+        for i in range(n):
+            store(work.balance, i, load(work.balance, i) + load(acting.balance, i))
+        if fresh:
+            add_tangents(acting.tangent, r, matrix)
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
+def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
+    """Replace ``work.balance`` of a block by its Newton correction; see `evaluate_block`."""
+    layout = equations.layout
+    r, n = len(layout.rigid), layout.n_eta
+    evaluate_block(equations, memory, block, amplitudes, gains, fresh, work)
+    matrix = matrix_of(memory, block)
+    for k in range(r):
+        if equations.prescribed[k]:
+            store(work.balance, k, spread(0.0))
+    if fresh:
+        _hold_prescribed(equations, matrix)
+        eliminate(matrix, r, n - r)
+    solve(matrix, r, n - r, work.balance, work.along)
+
+
+@njit(inline="always")
+def _hold_prescribed(equations, matrix):
+    """Make the rows of prescribed coordinates those of the identity: they are not corrected."""
+    r = len(equations.layout.rigid)
+    m = equations.layout.n_eta - r
+    for k in range(r):
+        if equations.prescribed[k]:
+            for j in range(r):
+                store(matrix.corner, k * r + j, spread(1.0 if j == k else 0.0))
+            for i in range(m):
+                store(matrix.row, k * m + i, spread(0.0))
+
+
+@njit(inline="always")
+def follow_correction(equations, gains, lanes, work):
+    """Take the correction in ``work.balance`` off the iterate of some lanes.
+
+    Returns the largest displacement that it makes in each lane, a vector; NaN where any part of it is.
+    """
+    gain_v, gain_a = gains
+    size = spread(0.0)
+    for i in range(equations.layout.n_eta):
+        correction = load(work.balance, i)
+        size = larger(absolute(correction) * equations.scale[i], size)
+        change = blend(lanes, correction, spread(0.0))
+        store(work.q, i, load(work.q, i) - change)
+        store(work.rate, i, load(work.rate, i) - gain_v * change)
+        store(work.acceleration, i, load(work.acceleration, i) - gain_a * change)
+    return size
+
+
+@njit(inline="always")
+def gather(rows, samples, vectors):
+    """Copy rows (n_samples, n) of a block's samples to vectors (n, LANES)."""
+    for lane in range(LANES):
+        for i in range(rows.shape[1]):
+            vectors[i, lane] = rows[samples[lane], i]
+
+
+@njit(inline="always")
+def scatter(vectors, samples, lanes, rows):
+    """Copy some lanes of vectors (n, LANES) to the rows (n_samples, n) of their samples."""
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for i in range(rows.shape[1]):
+                rows[samples[lane], i] = vectors[i, lane]
+
+
+@njit(inline="always")
+def take_up(state, samples, work):
+    """Copy the state ``(q, v, a)`` of a block's samples to where it is evaluated."""
+    gather(state[0], samples, work.q)
+    gather(state[1], samples, work.rate)
+    gather(state[2], samples, work.acceleration)
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def correct(equations, memory, strengths, state, gains, active, fresh, size):
+    """Do one Newton correction of some samples in place.
+
+    Parameters
+    ----------
+    strengths
+        Of the lanes, at the end of the step; motions are not used.
+    state
+        ``(q, v, a)``, each (n_samples, n_eta).
+    gains
+        ``(gain_v, gain_a)``.
+    active
+        Sets of lanes, shape (n_blocks,).
+    fresh
+        Whether to factorise anew; otherwise the factors of the last call serve.
+    size
+        Result: size of the correction, 0 where there is none, (n_blocks, LANES).
+    """
+    equations, memory = loaded(equations), loaded(memory)
+    gain_v, gain_a = spread(gains[0]), spread(gains[1])
+    work = allocate(equations.layout)
+    for block in range(active.size):
+        store(size, block, spread(0.0))
+        if active[block] == 0:
+            continue
+        take_up(state, memory.samples[block], work)
+        correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
+        found = follow_correction(equations, (gain_v, gain_a), EVERY_LANE, work)
+        scatter(work.q, memory.samples[block], active[block], state[0])
+        scatter(work.rate, memory.samples[block], active[block], state[1])
+        scatter(work.acceleration, memory.samples[block], active[block], state[2])
+        store(size, block, blend(active[block], found, spread(0.0)))
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, known):
+    """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
+
+    Parameters
+    ----------
+    amplitudes
+        Of the actions, shape (n_t, n_actions).
+    trail
+        Positions and velocities, shape (n_t, 2, n_samples, n_eta), and what else is behind them.
+    active
+        Sets of lanes, shape (n_blocks,).
+    gain_v
+        Derivative of eta' with eta within a step.
+    with_tangent
+        Whether tangents are wanted.
+    known
+        Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
+    """
+    equations, memory = loaded(equations), loaded(memory)
+    work, n_actions = allocate(equations.layout), amplitudes.shape[1]
+    local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
+    now = empty_lanes(n_actions, LANES)
+    for block in range(active.size):
+        if active[block] == 0:
+            continue
+        samples = memory.samples[block]
+        for instant in range(trail.shape[0]):
+            gather(trail[instant, 0], samples, work.q)
+            gather(trail[instant, 1], samples, work.rate)
+            for k in range(n_actions):
+                store(now, k, spread(amplitudes[instant, k]))
+            act(
+                equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
+                spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local, places_of(memory, block),
+                acting_of(memory, block), memory.known, memory.depths,
+            )  # fmt: skip
+            for lane in range(LANES):
+                if active[block] & (1 << lane):
+                    for row in range(known.shape[2]):
+                        for k in range(n_actions):
+                            known[instant, samples[lane], row, k] = memory.known[samples[lane], row, k]
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def evaluate_residual(equations, memory, strengths, state, result):
+    """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force."""
+    equations, memory = loaded(equations), loaded(memory)
+    work = allocate(equations.layout)
+    for block in range(memory.cells.shape[0]):
+        take_up(state, memory.samples[block], work)
+        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(0.0)), np.bool_(False), work)
+        # lanes behind the last sample have no local effects
+        count = min(LANES, result.shape[0] - block * LANES)
+        scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def fill_matrices(equations, memory, strengths, state, gain_a):
+    """Fill the iteration matrices of ``memory.matrix``, not factorised and without gain of the velocities."""
+    equations, memory = loaded(equations), loaded(memory)
+    work = allocate(equations.layout)
+    for block in range(memory.cells.shape[0]):
+        take_up(state, memory.samples[block], work)
+        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(gain_a)), np.bool_(True), work)

@@ -1,0 +1,343 @@
+"""The terms of the reduced equations of motion as interpolants, shared by all samples of an ensemble.
+
+What belongs to the rigid motion alone comes on a fine grid (`reduction.tables`); what involves flexible modes is
+interpolated between the samples.
+
+Structural damping in the reduced model; `effects.structural_damping` has the equations.
+
+In body frames the damping matrices of all bodies are constant, so that
+
+    D(theta) = Psi^T (sum_b beta_b K_b + alpha_b M_b + P_b P_b^T) Psi,     Psi = [d rho/d theta, Psi_flexible]
+
+and rigid motion is braked by alpha alone. What all bodies have of alpha in common brakes the momentum of the reduced
+model itself (`reduced_equations`), which has the terms of higher order in the deformation, too; only what exceeds it is
+in D.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.effects import Effect
+from pgmp_petsc.full.damping import BodyDampings
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.reduced.arrays import Layout, Tables
+from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
+from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
+
+
+@dataclass(frozen=True)
+class ReducedDamping:
+    """Structural damping of a reduced model.
+
+    Attributes
+    ----------
+    effect
+        Name of the effect, or of several.
+    mass
+        Factor alpha that all bodies have in common, 1/s.
+    weights
+        Monomials of the terms of D.
+    table
+        ``D_i`` at the samples, symmetric, shape (n, n_terms, n_eta, n_eta).
+    """
+
+    effect: str
+    mass: float
+    weights: tuple[Monomial, ...]
+    table: np.ndarray
+
+    @classmethod
+    def of(
+        cls, effects: Sequence[Effect], kinematics: RigidKinematics, rom: ReducedOrderModel
+    ) -> ReducedDamping | None:
+        """Return the damping of all bodies, None if there is none."""
+        mechanism = kinematics.mechanism
+        found = BodyDampings.of(effects, mechanism)
+        names = dict.fromkeys([*found.effects.values(), *(modal.effect for modal in found.modal)])
+        if not names:
+            return None
+        rayleigh = [found.rayleigh_of(number) for number in range(len(mechanism.bodies))]
+        common = min(alpha for _, alpha in rayleigh)
+        shapes = _shapes(kinematics, rom)
+        r, n_eta = rom.tables.n_coordinates, shapes.shape[2]
+        terms: dict[Monomial, np.ndarray] = {}
+
+        def add(weight: Monomial, table: np.ndarray) -> None:
+            terms[weight] = terms.get(weight, 0.0) + 0.5 * (table + np.swapaxes(table, 1, 2))
+
+        for body, (beta, alpha) in zip(mechanism.bodies, rayleigh):
+            rows, alone = body.dofs, body.alone()
+            matrices = assemble([alone], range(rows.size))
+            for factor, of_body, first in ((beta, matrices.stiffness, r), (alpha - common, matrices.mass, 0)):
+                if factor:
+                    for weight, matrix in of_body.items():
+                        table = np.zeros((len(shapes), n_eta, n_eta))
+                        table[:, first:, first:] = _congruent(factor * matrix.toarray(), shapes[:, rows, first:])
+                        add(weight, table)
+        for modal in found.modal:
+            own = shapes[:, mechanism.bodies[modal.body].dofs, r:]
+            rates = np.einsum("im,nij->nmj", modal.factor, own)
+            table = np.zeros((len(shapes), n_eta, n_eta))
+            table[:, r:, r:] = np.einsum("nmi,nmj->nij", rates, rates)
+            add(Monomial(), table)
+        table = np.zeros((len(shapes), len(terms), n_eta, n_eta))
+        for k, values in enumerate(terms.values()):
+            table[:, k] = values
+        return cls(", ".join(names), common, tuple(terms), table)
+
+
+def _shapes(kinematics: RigidKinematics, rom: ReducedOrderModel) -> np.ndarray:
+    """Return ``[d rho/d theta, Psi_flexible]`` in body frames at the samples, shape (n, n_dofs, n_eta)."""
+    poses = kinematics.poses(rom.tables.samples.theta)
+    rates = kinematics.rates(poses)
+    velocities = [rigid_velocities(kinematics.mechanism, poses[..., k], rates[..., k]) for k in range(poses.shape[2])]
+    return np.concatenate([np.array(velocities), rom.projection], axis=2)
+
+
+def _congruent(matrix: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    return np.einsum("nki,kl,nlj->nij", shapes, matrix, shapes, optimize=True)
+
+
+# rad; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its largest value in all scenes of
+# one coordinate. Of two, 12 cells a turn are as good as the spline is: 5e-7 in five_bar.
+WIDEST = 2 * np.pi / 48
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedTerms:
+    """Interpolated terms of a reduced model.
+
+    Attributes
+    ----------
+    tables
+        The tables they were made from.
+    weights
+        Monomials of the terms of mass and stiffness together.
+    rigid
+        Packed rigid inertia of every term, rows of shape (n_terms, n_theta (n_theta + 1) / 2).
+    terms
+        Packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second
+        order, and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The
+        first entries, the rigid inertia, are not used.
+    layout
+        Where these parts begin.
+    load
+        Load terms, rows of shape (n_load_terms, layout.load_end).
+    scale
+        Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
+    damping
+        Structural damping, if there is any.
+    """
+
+    tables: ReducedTables
+    weights: tuple[Monomial, ...]
+    rigid: Interpolant
+    terms: Interpolant
+    layout: Layout
+    load: Interpolant
+    scale: np.ndarray
+    damping: ReducedDamping | None = None
+
+    @cached_property
+    def damping_terms(self) -> Interpolant:
+        """Structural damping of every term alone, rows of shape (n_terms, n_packed)."""
+        return Interpolant(self.terms.axes, np.ascontiguousarray(self.terms.rows[..., self.layout.damping :]))
+
+    @classmethod
+    def of(
+        cls,
+        tables: ReducedTables,
+        rigid: np.ndarray,
+        kinematics: RigidKinematics,
+        projection: np.ndarray,
+        scheme: str,
+        damping: ReducedDamping | None = None,
+        quadratic: bool = True,
+    ) -> ReducedTerms:
+        """Prepare the terms.
+
+        Parameters
+        ----------
+        rigid
+            Rigid inertia, as from `rigid_inertia`.
+        kinematics
+            The mechanism's; gives its size.
+        projection
+            Flexible vectors, shape (n, n_dofs, n_delta); gives the scale of the flexible coordinates.
+        scheme
+            Interpolation over the samples.
+        damping
+            Structural damping, if there is any.
+        quadratic
+            Whether inertia forces quadratic in the velocities are evaluated.
+        """
+        samples = tables.samples
+        damping_weights = () if damping is None else damping.weights
+        weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights, *damping_weights}))
+        parts = [
+            _spread(pack(tables.mass), tables.mass_weights, weights),
+            _spread(coupling_of(tables, scheme), tables.mass_weights, weights),
+            _spread(pack(tables.stiffness), tables.stiffness_weights, weights),
+        ]
+        load = tables.load
+        if tables.second_order is not None:
+            bent, changes = tables.second_order, tables.changes
+            parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
+            swing, gyroscopic = pack(bent.curved_inertia - changes.spread), pack_skew(changes.gyroscopic)
+            for part in (swing, gyroscopic):  # pairs of rigid coordinates, or these, one after the other
+                side_by_side = part.reshape(*part.shape[:2], math.prod(part.shape[2:]))
+                parts.append(_spread(side_by_side, tables.mass_weights, weights))
+            load = np.concatenate([load, pack(bent.curved_load)], axis=2)
+        else:
+            parts += [np.zeros((*parts[0].shape[:2], 0))] * 3
+        if damping is not None:
+            parts.append(_spread(pack(damping.table), damping.weights, weights))
+        ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
+        r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
+        space = kinematics.mechanism.space
+        nodal = projection[:, : space.n_dofs * kinematics.mechanism.n_nodes]
+        return cls(
+            tables=tables,
+            weights=weights,
+            rigid=interpolant(fine_grid(samples), _spread(rigid, tables.mass_weights, weights), "spline"),
+            terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
+            layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
+            load=interpolant(samples, load, scheme),
+            scale=np.concatenate([np.ones(r), displacement_scale(nodal, kinematics.size, space.dimension)]),
+            damping=damping,
+        )
+
+    @property
+    def grid(self) -> tuple[Grid, ...]:
+        """Cells of every coordinate."""
+        return grid_of(self.terms, self.parts)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts of a cell between samples: of one coordinate none is wider than `WIDEST`."""
+        axes = self.terms.axes
+        return int(np.ceil(axes[0].step / WIDEST - 1e-9)) if len(axes) == 1 else 1
+
+    @cached_property
+    def polynomials(self) -> Tables:
+        """All terms as the kernel takes them."""
+        grid = self.grid
+        # one after the other: those of a part are let go before the next one's are made
+        return Tables(
+            in_radians(fitted(self.rigid, grid, N_POWERS_OF_RIGID), grid),
+            in_radians(self.terms.polynomials(self.parts), grid),
+            in_radians(self.load.polynomials(self.parts), grid),
+        )
+
+
+def grid_of(part: Interpolant, parts: int = 1) -> tuple[Grid, ...]:
+    """Return the cells of an interpolant along every coordinate, each of them in some parts."""
+    return tuple(Grid(axis.lower, axis.step / parts, axis.n_cells * parts, axis.periodic) for axis in part.axes)
+
+
+def fitted(part: Interpolant, grid: Sequence[Grid], n_powers: int) -> np.ndarray:
+    """Return polynomials in other cells, through an interpolant at the Chebyshev points of each.
+
+    In the order of `Interpolant.polynomials`, shape (n_cells, n_powers**n_theta, ...).
+    """
+    r = len(grid)
+    places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n_powers) + 0.5) / n_powers)
+    lines = [axis.lower + axis.step * np.add.outer(np.arange(axis.n_cells), places) for axis in grid]
+    theta = np.stack(np.meshgrid(*(line.ravel() for line in lines), indexing="ij"), axis=-1).reshape(-1, r)
+    # axes (cells, points) of every coordinate in turn, then those of a value
+    result = part(theta).reshape(*(n for line in lines for n in line.shape), *part.shape)
+    through = np.linalg.inv(np.vander(places, increasing=True))
+    for k in range(r):
+        result = np.moveaxis(np.tensordot(through, result, (1, 2 * k + 1)), 0, 2 * k + 1)
+    result = np.moveaxis(result, [*range(0, 2 * r, 2), *range(1, 2 * r, 2)], range(2 * r))
+    return result.reshape(math.prod(axis.n_cells for axis in grid), n_powers**r, *part.shape)
+
+
+def in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
+    """Return polynomials (n_cells, n_powers, n_terms, n_entries) of places from 0 to 1 as those of places in rad.
+
+    Their shape becomes (n_cells, n_terms, n_entries * n_powers).
+    """
+    scale, along = np.ones(1), np.arange(round(polynomials.shape[1] ** (1.0 / len(grid))))
+    for axis in grid:
+        scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
+    n_cells, n_powers, n_terms, n_entries = polynomials.shape
+    moved = np.empty((n_cells, n_terms, n_entries, n_powers))  # without a copy between: tables may be large
+    np.multiply(np.moveaxis(polynomials, 1, -1), scale, out=moved)
+    return moved.reshape(n_cells, n_terms, n_entries * n_powers)
+
+
+def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
+    """Return b_i at the samples, pairs k >= l one after the other, shape (n, n_mass_terms, n_pairs * n_delta).
+
+    By the product rule, ``b_kl`` is the symmetric part of the derivative of the mass table's row of theta_k with
+    theta_l, taken from the interpolant, less the inertia table.
+    """
+    r, at = tables.n_coordinates, tables.samples.theta
+    block = interpolant(tables.samples, np.ascontiguousarray(tables.mass[:, :, :r, r:]), scheme)
+    slopes = [block.slope(at, k) for k in range(r)]
+    pairs = [
+        0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j]) - tables.inertia[:, :, k, j]
+        for k in range(r)
+        for j in range(k + 1)
+    ]
+    return np.concatenate(pairs, axis=2)
+
+
+def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:
+    """Put the terms (axis 1) of a table where their weights are among all weights, zeros elsewhere."""
+    result = np.zeros((len(table), len(weights), table.shape[2]))
+    result[:, [weights.index(weight) for weight in own]] = table
+    return result
+
+
+def pack(matrices: np.ndarray) -> np.ndarray:
+    """Pack symmetric matrices (..., n, n) as lower triangles row by row."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(matrices[..., rows, columns])
+
+
+def pack_skew(matrices: np.ndarray) -> np.ndarray:
+    """Pack skew matrices (..., n, n) as strict lower triangles row by row."""
+    rows, columns = np.tril_indices(matrices.shape[-1], -1)
+    return np.ascontiguousarray(matrices[..., rows, columns])
+
+
+def pack_cubic(tensors: np.ndarray) -> np.ndarray:
+    """Pack symmetric tensors (..., n, n, n) over ``i >= j >= k``, k fastest."""
+    i, j, k = np.indices(tensors.shape[-3:]).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    return np.ascontiguousarray(tensors[..., i[chosen], j[chosen], k[chosen]])
+
+
+def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) -> np.ndarray:
+    """Return the largest displacement per unit of each flexible coordinate.
+
+    Parameters
+    ----------
+    projection
+        Flexible vectors, shape (n, n_dofs, n_delta).
+    size
+        Length that translations are measured in, m.
+    dimension
+        2 in the plane, 3 in space.
+
+    Returns
+    -------
+    ndarray, shape (n_delta,)
+    """
+    node = [1.0 / size] * dimension + [1.0] * (1 if dimension == 2 else 3)
+    units = np.tile(node, projection.shape[1] // len(node))
+    return np.max(np.abs(projection) * units[:, None], axis=(0, 1))

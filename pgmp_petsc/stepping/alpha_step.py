@@ -1,0 +1,474 @@
+"""A step of the generalised-alpha scheme: prediction, Newton's iteration of every sample to its own convergence, and
+what is tried where it fails. For all systems: what is compiled for speed decides by the same functions.
+
+What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner 1996, section
+IV.8), after the first one from that of the step before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import beyond, select
+from pgmp_petsc.stepping.second_order_system import Moment, Scheme, SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Outcome
+
+MAX_ITERATIONS = 12
+CAREFUL_ITERATIONS = 40
+LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
+REFRESH_EVERY = 4  # corrections that share one factorisation
+FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
+PROBED_EVERY = 10  # steps, of which one is corrected twice at least, to see how the iteration contracts
+CAUTION = 4.0  # times that contraction is expected until the next one: it changes with the motion
+LEAST_CONTRACTION, WORST_CONTRACTION = 1e-8, 0.999  # the iteration of a large correction contracts less than others
+ALMOST_NONE = 1e-300
+ROUND_OFF = 1e-15
+DAMPED = 0.99  # spectral radius with which what alternates is gone after some hundred steps
+NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
+TOLERANCE_OF_ONE = 1e-13  # the same after one correction, where the contraction is that of a step before
+LENGTHS = (0.5, 1.0)  # of a run's step, of those that the first accelerations are taken of
+
+
+@njit(inline="always")
+def contraction_of(iteration, size, last, expected):
+    """Return the contraction of a correction of `size`, numbers or vectors: from the one before, `last`, or, of the
+    first one, as it is `expected`."""
+    if iteration == 0:
+        return expected
+    return _bounded(size / select(beyond(ALMOST_NONE, last), ALMOST_NONE, last))
+
+
+@njit(inline="always")
+def expected_after(contraction):
+    """Return the contraction to be expected in later steps, from that of a second correction."""
+    cautious = _bounded(CAUTION * contraction)
+    return select(beyond(LEAST_CONTRACTION, cautious), LEAST_CONTRACTION, cautious)
+
+
+@njit(inline="always")
+def goes_on(size, contraction, tolerance):
+    """Return the lanes that need one more correction; what is no number does."""
+    return beyond(size * contraction / (1.0 - contraction), tolerance) & beyond(size, ROUND_OFF)
+
+
+@njit(inline="always")
+def _bounded(contraction):
+    """Return a contraction that is no larger than the worst that is reckoned with."""
+    return select(beyond(contraction, WORST_CONTRACTION), WORST_CONTRACTION, contraction)
+
+
+@njit(cache=True, error_model="numpy")
+def judge(iteration, size, last, expected, active, lost):
+    """Decide which samples are done after a correction of `size`, with the one before, `last`; each (n_samples,).
+
+    The second correction shows what to expect of later steps. Those whose correction is no number are lost.
+    """
+    for sample in range(size.size):
+        if active[sample]:
+            contraction = contraction_of(iteration, size[sample], last[sample], expected[sample])
+            if iteration == 1:
+                expected[sample] = expected_after(contraction)
+            if not np.isfinite(size[sample]):
+                lost[sample], active[sample] = True, False
+            elif not goes_on(size[sample], contraction, NEWTON_TOLERANCE if iteration > 0 else TOLERANCE_OF_ONE):
+                active[sample] = False
+            last[sample] = size[sample]
+
+
+@dataclass(frozen=True, eq=False)
+class StepsTaken:
+    """Equal steps, one after the other; arrays have a leading axis of steps.
+
+    Attributes
+    ----------
+    states, auxiliary
+        States and auxiliary accelerations at their ends.
+    contraction
+        Of Newton's iteration, as it is expected in the next step, shape (n, n_samples).
+    lost
+        Mask of the samples whose iteration failed in the last of them, shape (n_samples,).
+    n_corrections
+        Newton corrections, all samples together, shape (n,).
+    n_calls
+        Calls of the system.
+    """
+
+    states: State
+    auxiliary: np.ndarray
+    contraction: np.ndarray
+    lost: np.ndarray
+    n_corrections: np.ndarray
+    n_calls: int = 1
+
+    def __len__(self) -> int:
+        return len(self.auxiliary)
+
+    def after(self, n: int, before: np.ndarray) -> Moment:
+        """Return where samples are after the first n steps, n > 0; `before` are the accelerations they began with."""
+        before = before if n == 1 else self.states.a[n - 2]
+        return Moment(self.states.at(n - 1), self.auxiliary[n - 1], before, self.contraction[n - 1])
+
+
+@dataclass(frozen=True, eq=False)
+class StepsAsked:
+    """Equal steps that a system is asked to take.
+
+    Attributes
+    ----------
+    moment
+        At the beginning.
+    ends, step
+        Ends of the steps, shape (n,), and length of each, s.
+    probed
+        Which of them are corrected as if nothing were known of the contraction, shape (n,).
+    scheme
+        Coefficients for a step.
+    samples
+        Mask of the samples to advance, shape (n_samples,).
+    """
+
+    moment: Moment
+    ends: np.ndarray
+    step: float
+    probed: np.ndarray
+    scheme: Scheme
+    samples: np.ndarray
+
+    def taken_by_corrections(self, system: SecondOrderSystem) -> StepsTaken:
+        """Return the first step, taken by a system's corrections one by one."""
+        state, auxiliary, before, contraction = self.moment
+        expected = np.where(self.probed[0], FIRST_CONTRACTION, contraction)
+        ahead = _predicted(self.scheme, self.step, self.moment, state.a + (state.a - before))
+        lost, n_corrections, n_calls = iterate(
+            system, float(self.ends[0]), ahead, self.scheme, self.samples, REFRESH_EVERY, expected
+        )
+        system.count_turns(ahead)
+        expected[lost] = FIRST_CONTRACTION
+        follows = _following(self.scheme, auxiliary, ahead.a, state.a)
+        states = State(*(part[None] for part in ahead.parts()))
+        return StepsTaken(states, follows[None], expected[None], lost, np.array([n_corrections]), n_calls)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Steps of a run that some samples are to take, each until it is done or something happens to it.
+
+    Attributes
+    ----------
+    stepper
+        Steps of the system.
+    moment
+        Where samples are; brought up to date. One to which something happens stays at the beginning of that step.
+    first, ends
+        Number of the first step in the run; ends of the steps, shape (n,), s.
+    step
+        s.
+    samples
+        Mask, shape (n_samples,).
+    beyond
+        Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
+        them by itself.
+    shown
+        Numbers of the steps that somebody wants to see, increasing, shape (n_t,).
+    trail
+        The states after these, of the samples that are advanced; filled.
+    """
+
+    stepper: AlphaStep
+    moment: Moment
+    first: int
+    ends: np.ndarray
+    step: float
+    samples: np.ndarray
+    beyond: np.ndarray
+    shown: np.ndarray
+    trail: State
+
+    def advanced_together(self, system: SecondOrderSystem) -> tuple[np.ndarray, np.ndarray]:
+        """Advance the samples side by side, up to a step that is too much for one, and none over an edge; return as
+        `SecondOrderSystem.advance` does."""
+        begun = self.moment.state.a.copy()
+        taken = self.stepper.take(self.moment, self.ends, self.step, self.samples)
+        n_steps, outcome = np.where(self.samples, len(taken), 0), np.full(self.samples.size, Outcome.DONE)
+        n_steps[taken.lost], outcome[taken.lost] = len(taken) - 1, Outcome.LOST
+        for k in range(len(taken) if self.beyond.size or system.has_range else 0):
+            state, here = taken.states.at(k), n_steps > k
+            crossed = np.zeros_like(here)
+            if self.beyond.size:
+                crossed = here & np.any((system.depths(float(self.ends[k]), state) > 0.0) != self.beyond, axis=0)
+            outside = here & ~crossed & system.outside(state)
+            outcome[crossed], outcome[outside] = Outcome.CROSSED, Outcome.OUTSIDE
+            n_steps[crossed | outside] = k
+            if not here.any():
+                break
+        for n in set(n_steps.tolist()) - {0}:
+            there = n_steps == n
+            put(system, self.moment, taken.after(n, begun), there)
+            rows = slice(*np.searchsorted(self.shown, [self.first + 1, self.first + n + 1]))
+            steps = self.shown[rows] - self.first - 1
+            if steps.size and not there.all():
+                system.restore_all(self.trail.at(rows), taken.states.at(steps), there)
+            elif steps.size:
+                for part, found in zip(self.trail.parts(), taken.states.parts()):
+                    part[rows] = found[:n] if steps.size == n else found[steps]
+        return outcome, n_steps
+
+
+class AlphaStep:
+    """Steps of any length of a system.
+
+    The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
+    accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
+    constraints are always the same nothing comes of it, but where they turn or move it grows until it destroys the
+    run. In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) therefore ends with a
+    projection (``project``): velocities that the constraints allow, and accelerations that follow from the equations.
+
+    Parameters
+    ----------
+    system
+        The system; all its samples advance together.
+    spectral_radius
+        Of the scheme at infinite frequency.
+    patient
+        Whether an iteration that fails is tried again with factors of its own, and with limited corrections.
+
+    Attributes
+    ----------
+    n_iterations
+        Newton corrections done so far, all samples together.
+    n_fresh
+        Those of them that found a matrix and its factors anew; known of a single sample.
+    n_calls
+        Calls of the system, for steps or for a correction.
+    """
+
+    def __init__(self, system: SecondOrderSystem, spectral_radius: float, patient: bool = True) -> None:
+        self._system, self._patient, self._spectral_radius = system, patient, spectral_radius
+        self._projects = spectral_radius > DAMPED and system.moving_constraints
+        self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
+        self.n_iterations = self.n_fresh = self.n_calls = 0
+
+    def scheme(self, step: float) -> Scheme:
+        """Return the coefficients for a step."""
+        if step != self._step:
+            self._scheme, self._step = Scheme.of(self._spectral_radius, step), step
+        return self._scheme
+
+    def take(self, moment: Moment, ends: np.ndarray, step: float, samples: np.ndarray) -> StepsTaken:
+        """Take equal steps of some samples, a mask, up to one in which an iteration fails."""
+        ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
+        probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.rubs
+        taken = self._system.take_steps(StepsAsked(moment, ends, step, probed, scheme, samples))
+        self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
+        if self._projects:
+            state = taken.states.at(0)
+            self._project(float(ends[0]), state, step, samples & ~taken.lost)
+            taken.auxiliary[0] = _following(scheme, moment.auxiliary, state.a, moment.state.a)
+        return taken
+
+    def take_one(self, moment: Moment, end: float, step: float, samples: np.ndarray) -> tuple[Moment, np.ndarray]:
+        """Take one step of some samples with all care; return the moment at its end, and a mask of those whose
+        iteration failed."""
+        taken = self.take(moment, np.array([end]), step, samples)
+        after, lost = taken.after(1, moment.state.a.copy()), taken.lost
+        if lost.any():
+            again, still = self.retry(moment, end, step, lost)
+            put(self._system, after, again, lost)
+            lost = still
+        return after, lost
+
+    def retry(self, moment: Moment, end: float, step: float, samples: np.ndarray) -> tuple[Moment, np.ndarray]:
+        """Take a step once more in which the iteration of some samples failed; return as `take_one` does.
+
+        A load that sets in at once gives light nodes accelerations that no step can follow; the displacement, held at
+        constant velocity, is then the better prediction.
+        """
+        scheme, known = self.scheme(step), np.full(samples.size, FIRST_CONTRACTION)
+        coasting = _coasting(scheme, moment)
+        if not self._patient:
+            again = moment._replace(before=2.0 * moment.state.a - coasting, contraction=known)
+            taken = self.take(again, np.array([end]), step, samples)
+            return taken.after(1, moment.state.a.copy()), taken.lost
+        predicted = _predicted(scheme, step, moment, coasting)
+        state = predicted.copy()
+        lost, n_corrections, n_calls = iterate(self._system, end, state, scheme, samples, 1, known.copy())
+        self.count(n_corrections, n_calls, n_calls)
+        if lost.any():
+            self._system.restore(state, predicted, lost)
+            lost = self._iterate_carefully(end, state, scheme, lost)
+        if self._projects:
+            self._project(end, state, step, samples & ~lost)
+        self._system.count_turns(state)
+        follows = _following(scheme, moment.auxiliary, state.a, moment.state.a)
+        return Moment(state, follows, moment.state.a.copy(), known), lost
+
+    def count(self, n_corrections: np.ndarray | int, n_fresh: np.ndarray | int, n_calls: int) -> None:
+        """Count corrections, those with a matrix of their own, and calls of the system."""
+        self.n_iterations += int(np.sum(n_corrections))
+        self.n_fresh += int(np.sum(n_fresh))
+        self.n_calls += n_calls
+
+    def _project(self, end: float, state: State, step: float, samples: np.ndarray) -> None:
+        """Make velocities and accelerations of some samples consistent with the constraints."""
+        self._system.project(end, state, step, samples)
+        self._system.count_turns(state)
+
+    def _iterate_carefully(self, time: float, state: State, scheme: Scheme, alive: np.ndarray) -> np.ndarray:
+        """Run Newton's iteration with limited corrections, in place; return the samples that failed.
+
+        A load that sets in at once may throw the first corrections far beyond the range in which the equations look
+        like their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
+        """
+        active, lost = alive.copy(), np.zeros_like(alive)
+        self._system.begin_iteration()
+        for _ in range(CAREFUL_ITERATIONS):
+            before = state.copy()
+            size = self._system.correct(time, state, scheme, active, True)
+            self.count(active.sum(), 0, 1)
+            lost |= active & ~np.isfinite(size)
+            active &= np.isfinite(size)
+            # by halves, together: rarely more than a few samples come here
+            while True:
+                long = active & (size > LONGEST)
+                if not long.any():
+                    break
+                halfway = State(*(0.5 * (one + other) for one, other in zip(before.parts(), state.parts())))
+                self._system.restore(state, halfway, long)
+                size = np.where(long, 0.5 * size, size)
+            active &= (size > NEWTON_TOLERANCE) | self._system.limited()
+            if not active.any():
+                break
+        return lost | active
+
+
+def iterate(
+    system: SecondOrderSystem,
+    time: float,
+    state: State,
+    scheme: Scheme,
+    alive: np.ndarray,
+    refresh_every: int,
+    expected: np.ndarray,
+) -> tuple[np.ndarray, int, int]:
+    """Run Newton's iteration of every living sample to its own convergence, in place; return those that failed, the
+    number of corrections of all samples together, and that of calls.
+
+    `expected` are the contractions, shape (n_samples,), brought up to date.
+    """
+    active, lost, last = alive.copy(), np.zeros_like(alive), np.full(alive.size, np.inf)
+    n_corrections = n_calls = 0
+    system.begin_iteration()
+    for iteration in range(MAX_ITERATIONS):
+        size = system.correct(time, state, scheme, active, iteration % refresh_every == 0)
+        last[system.limited()] = 0.0  # nothing follows from the size of the last correction
+        n_corrections += int(active.sum())
+        n_calls += 1
+        judge(iteration, size, last, expected, active, lost)
+        if not active.any():
+            break
+    return lost | active, n_corrections, n_calls
+
+
+def standing(state: State, auxiliary: np.ndarray, n_samples: int) -> Moment:
+    """Return a moment of which no step before is known."""
+    return Moment(state, auxiliary, state.a.copy(), np.full(n_samples, FIRST_CONTRACTION))
+
+
+def put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
+    """Copy where some samples are, a mask; a system alone knows where its samples are in arrays."""
+    state = target.state
+    if samples.all():
+        for into, found in zip((*state.parts(), *target[1:]), (*source.state.parts(), *source[1:])):
+            into[:] = found
+        return
+    system.restore(state, source.state, samples)
+    # multipliers and turns are copied onto themselves
+    into, found = (State(m.auxiliary, m.before, m.before, state.multipliers, state.turns) for m in (target, source))
+    system.restore(into, found, samples)
+    target.contraction[samples] = source.contraction[samples]
+
+
+def _following(scheme: Scheme, auxiliary: np.ndarray, a: np.ndarray, previous_a: np.ndarray) -> np.ndarray:
+    """Return A_{n+1} from the accelerations at the end and the beginning of the step."""
+    s = scheme
+    return ((1 - s.alpha_f) * a + s.alpha_f * previous_a - s.alpha_m * auxiliary) / (1 - s.alpha_m)
+
+
+def _coasting(scheme: Scheme, moment: Moment) -> np.ndarray:
+    """Return the accelerations at the end of the step for which the displacement is ``q + h q'``."""
+    s = scheme
+    ahead = -(0.5 - s.beta) / s.beta * moment.auxiliary
+    weighted = (1 - s.alpha_m) * ahead + s.alpha_m * moment.auxiliary - s.alpha_f * moment.state.a
+    return weighted / (1 - s.alpha_f)
+
+
+def _predicted(scheme: Scheme, step: float, moment: Moment, a: np.ndarray) -> State:
+    """Predict the end of the step with given accelerations there."""
+    s, h, previous, auxiliary = scheme, step, moment.state, moment.auxiliary
+    ahead = _following(scheme, auxiliary, a, previous.a)
+    q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * auxiliary + s.beta * ahead)
+    v = previous.v + h * ((1 - s.gamma) * auxiliary + s.gamma * ahead)
+    return State(q, v, a.copy(), previous.multipliers.copy(), previous.turns.copy())
+
+
+class _ImplicitStep(AlphaStep):
+    """Steps whose displacements and velocities follow from the accelerations at their ends alone."""
+
+    def scheme(self, step: float) -> Scheme:
+        """Return the coefficients for a step."""
+        return Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2)
+
+
+def n_first_steps(system: SecondOrderSystem) -> int:
+    """Return the number of steps that the first accelerations of a system are taken of, beside those of a run."""
+    return len(LENGTHS) if system.has_light_nodes else 0
+
+
+def first_accelerations(
+    system: SecondOrderSystem, start: State, step: float, samples: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """Return the auxiliary accelerations that a run begins with. Collective on ``system.comm``.
+
+    The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
+    itself a load that sets in at once on a light and stiff node, such as a joint's, gives the first step velocities of
+    the size h q''_0: those of a vibration with the frequency omega are h omega times too large, its energy (h omega)^2
+    times (the overshoot of dissipative schemes, Hilber and Hughes 1978), and it takes many steps until they are damped.
+    A_0 is therefore taken of steps that cannot overshoot,
+
+        q_1 = q_0 + h q'_0 + h^2 / 2 q''_1,    q'_1 = q'_0 + h q''_1
+
+    (Newmark's with beta = 1/2, gamma = 1). Where they resolve a motion, q''_1 = q''_0 + h q'''_0 + O(h^2); where not,
+    it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
+    q''_0 + O(h^2) of what is resolved, and next to nothing of the rest.
+
+    So begin systems that say ``has_light_nodes``: those of all nodes. Modes of a reduced model hardly have such
+    vibrations; it begins with q''_0, as its derivatives and its model in C do.
+
+    Parameters
+    ----------
+    system, start
+        The system, and its state at time 0.
+    step
+        Length of the steps of the run, s.
+    samples
+        Mask of the samples to advance, shape (n_samples,). Others, and those that such a step is too much for, begin
+        with their accelerations.
+
+    Returns
+    -------
+    accelerations
+        Of the shape of ``start.a``.
+    n_iterations
+        Newton corrections that they took, all samples together.
+    """
+    stepper, found, lost, ends = _ImplicitStep(system, 0.0), start.copy(), ~samples, []
+    for length in (share * step for share in LENGTHS):
+        after, failed = stepper.take_one(standing(start, start.a, system.n_samples), length, length, samples)
+        ends.append(after.state.a)
+        lost |= failed
+    found.a = 2.0 * ends[0] - ends[1]
+    system.restore(found, start, lost)
+    return found.a, stepper.n_iterations

@@ -1,0 +1,185 @@
+"""Drivers of an integration from stop to stop: PETSc's TS, or a plain loop where there is no PETSc.
+
+An integrator advances itself. The driver says when, and with PETSc lets its monitors see the states at the stops; both
+make the same calls in the same order, so that no number depends on which of them it is.
+
+The scene says how long a run is and how it is stepped, and the integrator is the program's own. Options of PETSc that
+look on (`ts_monitor`, `ts_view`) are taken, all others refused: to PETSc they are legal, and many would end a run early
+or change its steps without a word.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.petsc import as_raised, options_of, petsc_solver
+from pgmp_petsc.runtime.surroundings import has_petsc
+from pgmp_petsc.stepping.second_order_system import State
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+PREFIX = "pgmp_ts_"
+ERROR_PREFIX = "pgmp_error_ts_"  # of the integration of estimated errors
+LOOKING_ON = ("ts_monitor", "ts_view", "ts_adapt_monitor", "ts_converged_reason")
+_CURES = {
+    "ts_type": "the integrator is the program's own",
+    "ts_dt": "set simulation.step in the scene",
+    "ts_time_step": "set simulation.step in the scene",
+    "ts_max_steps": "set simulation.duration in the scene",
+    "ts_run_steps": "set simulation.duration in the scene",
+    "ts_max_time": "set simulation.duration in the scene",
+    "ts_time_span": "set simulation.duration in the scene",
+    "ts_init_time": "a run starts at time 0",
+    "ts_exact_final_time": "a run ends at simulation.duration exactly",
+}
+TIME_TOLERANCE = 1e-9  # of the duration: far above the round-off in the sum of all steps, far below one of them
+
+
+def check_ts_options() -> None:
+    """Refuse options with the prefix of a TS of this program, unless they only look on.
+
+    Raises
+    ------
+    InputError
+        Naming the first option that is refused; the same on all ranks, because options are.
+    """
+    for prefix in (PREFIX, ERROR_PREFIX):
+        for name, value in sorted(options_of(prefix).items()):
+            if not name.startswith(LOOKING_ON):
+                shown = f"-{prefix}{name} {'' if value is None else value}".strip()
+                cure = _CURES.get(name, "how a run is integrated follows from the scene's [simulation]")
+                raise InputError(
+                    f"option {shown}: it cannot be changed here; {cure} (allowed with this prefix: "
+                    f"{', '.join(f'-{prefix}{allowed}' for allowed in LOOKING_ON)})"
+                )
+
+
+def check_end(ts: PETSc.TS, n_steps: int, duration: float) -> None:
+    """Check that a TS has done all its steps.
+
+    Raises
+    ------
+    RunError
+        If it stopped early or went on, with PETSc's reason.
+    """
+    reason, done, time = ts.getConvergedReason(), ts.getStepNumber(), ts.getTime()
+    if reason <= 0 or done != n_steps or not abs(time - duration) <= TIME_TOLERANCE * duration:
+        raise RunError(
+            f"the time integration ended at {time:.6g} s of {duration:g} s after {done} of {n_steps} steps: PETSc's TS "
+            f"gives reason {reason} ({_name(ts, reason)})"
+        )
+
+
+def _name(ts: PETSc.TS, reason: int) -> str:
+    """Return PETSc's name of a reason."""
+    names = {value: name for name, value in vars(type(ts).ConvergedReason).items() if isinstance(value, int)}
+    return names.get(reason, "unknown")
+
+
+class Driven(Protocol):
+    """An integration.
+
+    Attributes
+    ----------
+    state
+        The current state.
+    instants
+        Of the start and the ends of all steps, shape (n_steps + 1,), s.
+    stops
+        Numbers of the steps that it stops at, 0 and the last one included.
+    n_done
+        Steps that are behind it.
+    """
+
+    state: State
+    instants: np.ndarray
+    stops: np.ndarray
+    n_done: int
+
+    def advance(self) -> None:
+        """Go on to the next stop."""
+
+
+def driver_here() -> Driver:
+    """Return the driver of this Python."""
+    return PetscDriver() if has_petsc() else LoopDriver()
+
+
+class Driver(Protocol):
+    """Drives an integration to its end."""
+
+    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
+        """Go through all stops. Collective on `comm`.
+
+        Parameters
+        ----------
+        prefix
+            Of the options of PETSc that reach this integration.
+
+        Raises
+        ------
+        InputError
+            If PETSc refuses the value of an option.
+        RunError
+            If it ends early, with PETSc's reason.
+        """
+
+
+class LoopDriver:
+    """A plain loop; takes no options."""
+
+    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
+        """Go through all stops; see `Driver`."""
+        while integration.n_done < integration.stops[-1]:
+            integration.advance()
+
+
+class PetscDriver:
+    """PETSc's TS, whose steps are those from stop to stop."""
+
+    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
+        """Go through all stops; see `Driver`."""
+        from petsc4py import PETSc
+
+        instants, n_stops = integration.instants, len(integration.stops) - 1
+        solution = PETSc.Vec().createMPI((integration.state.q.size, None), comm=comm)
+        solution.setArray(integration.state.q.ravel())
+        ts = PETSc.TS().create(comm=comm)
+        try:
+            ts.setOptionsPrefix(prefix)
+            ts.setType(PETSc.TS.Type.PYTHON)
+            ts.setPythonContext(_Context(integration))
+            ts.setTime(0.0)
+            ts.setTimeStep(float(instants[integration.stops[1]]))
+            # the number of steps ends the run, not round-off in their sum
+            ts.setMaxTime(2 * float(instants[-1]))
+            ts.setMaxSteps(n_stops)
+            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+            with petsc_solver(prefix, "time integration"):
+                ts.setFromOptions()
+            with as_raised():
+                ts.solve(solution)
+            check_end(ts, n_stops, float(instants[-1]))
+        finally:
+            ts.destroy()
+            solution.destroy()
+
+
+class _Context:
+    """Context of a TS of type python, which calls it."""
+
+    def __init__(self, integration: Driven) -> None:
+        self._integration = integration
+
+    def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (PETSc's name)
+        """Do a step of the TS."""
+        integration = self._integration
+        begin = integration.n_done
+        integration.advance()
+        ts.setTimeStep(float(integration.instants[integration.n_done] - integration.instants[begin]))
+        u.setArray(integration.state.q.ravel())

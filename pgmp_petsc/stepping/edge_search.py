@@ -1,0 +1,418 @@
+"""Steps that end where a law has an edge, such as the contact with an end stop.
+
+A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back
+to the beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from
+there; all others keep their step, so that the samples of a batch meet again at its end.
+
+Samples of the reduced model search by themselves, lane by lane, compiled (`look`). It takes the outcome of a trial,
+from the beginning of the step or from the edge before, and returns the length of the next one:
+
+    WHOLE      the step itself. Where an edge is crossed in it, the rest of the step is searched
+    EARLIEST   next to nothing: is the edge there already?
+    NARROWING  an instant between two whose depths have different signs, by Brent's method
+    REACHING   up to the first of the edges that were found
+    REST       from there to the end of the step
+
+`EventLocation` does the trials of all other systems, one sample after the other, and of samples of which a part of a
+step fails.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.petsc import log_event
+from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.stepping.alpha_step import AlphaStep, put, standing
+from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, State
+
+MAX_EVENTS = 20  # in one step of one sample; beyond, the step is taken as it is
+TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own error
+SHORTEST = 1e-6  # part of a step that is worth a step of its own
+WHOLE, EARLIEST, NARROWING, REACHING, REST = range(5)  # what a trial is for
+BEGUN, TRIED, REACHED, DONE, HOPELESS = range(5)  # what comes of it; see `look`
+MAX_TRIALS = 1000  # in one step; Brent's method alone takes a dozen
+RELATIVE = 4.0 * np.finfo(float).eps  # of a root, whatever its tolerance
+
+# rows of a bracket (Brent 1973): the best instant, the one before and one on the other side of the root, with their
+# depths; and the last two changes
+NOW, BEFORE, ACROSS, DEPTH_NOW, DEPTH_BEFORE, DEPTH_ACROSS, CHANGE, CHANGE_BEFORE = range(8)
+
+
+class EdgeSearch(NamedTuple):
+    """How far the search in the lanes of a block is.
+
+    Attributes
+    ----------
+    stage
+        What the trial is for, shape (LANES,).
+    n_found, n_trials
+        Edges found, and trials, in this step, (LANES,).
+    edge, nearest
+        The edge that is looked for, and the nearest one of those found, (LANES,).
+    duration
+        Length of the trial, s, (LANES,).
+    left, first
+        What is left of the step, and how much of it there is up to the nearest edge, s, (LANES,).
+    depths
+        How far each edge is crossed at the end of the rest, (n_events, LANES).
+    bracket
+        See above, (8, LANES).
+    beyond
+        Which edges were crossed at the beginning of the step, (n_events, LANES).
+    """
+
+    stage: np.ndarray
+    n_found: np.ndarray
+    n_trials: np.ndarray
+    edge: np.ndarray
+    nearest: np.ndarray
+    duration: np.ndarray
+    left: np.ndarray
+    first: np.ndarray
+    depths: np.ndarray
+    bracket: np.ndarray
+    beyond: np.ndarray
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def allocate_search(n_events):
+    """Return arrays for the search in a block."""
+    return EdgeSearch(
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES),
+        np.empty(LANES),
+        np.empty(LANES),
+        np.empty((n_events, LANES)),
+        np.empty((8, LANES)),
+        np.empty((n_events, LANES), dtype=np.bool_),
+    )
+
+
+@njit(inline="always")
+def begin_step(search, lane, step):
+    """Let a lane begin with a whole step, s."""
+    search.stage[lane], search.duration[lane] = WHOLE, step
+
+
+@njit(error_model="numpy", counted=False)
+def in_search(search):
+    """Return the lanes whose trial is no whole step."""
+    lanes = 0
+    for lane in range(LANES):
+        if search.stage[lane] != WHOLE:
+            lanes |= 1 << lane
+    return lanes
+
+
+@njit(error_model="numpy", counted=False)
+def look_at_all(search, lanes, step, depths, samples, beyond):
+    """Look at the ends of the trials of some lanes; see `look`.
+
+    Parameters
+    ----------
+    depths
+        How far each edge is crossed, of all samples, (n_samples, n_events).
+    samples
+        Number of the sample in each lane, (LANES,).
+    beyond
+        Of all samples, (n_samples, n_events).
+
+    Returns
+    -------
+    begun, reached, done, hopeless
+        Sets of the lanes of which that came.
+    """
+    begun = reached = done = hopeless = 0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            found = look(search, lane, step, depths[samples[lane]], beyond[samples[lane]])
+            begun |= (found == BEGUN) << lane
+            reached |= (found == REACHED) << lane
+            done |= (found == DONE) << lane
+            hopeless |= (found == HOPELESS) << lane
+    return begun, reached, done, hopeless
+
+
+@njit(error_model="numpy", counted=False)
+def give_up(search, lanes, samples, beyond):
+    """Let some lanes search no more, as if they were at the beginning of their steps; see `look_at_all`."""
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            search.stage[lane] = WHOLE
+            for event in range(search.beyond.shape[0]):
+                beyond[samples[lane], event] = search.beyond[event, lane]
+
+
+@njit(cache=True, error_model="numpy", counted=False)
+def look(search, lane, step, depths, beyond):
+    """Look at the end of a lane's trial, and choose the next one.
+
+    Parameters
+    ----------
+    step
+        Length of the whole step, s.
+    depths
+        How far each edge is crossed there, shape (n_events,).
+    beyond
+        Whether each was crossed when the search began or since, (n_events,); brought up to date.
+
+    Returns
+    -------
+    int
+        ``BEGUN``, if the step crosses an edge: what is known at its beginning has to be kept; ``REACHED``, if the trial
+        is to be gone on from; ``DONE``, if it ends the step; otherwise ``TRIED``, or ``HOPELESS``.
+    """
+    stage = search.stage[lane]
+    search.n_trials[lane] += 1
+    if stage == WHOLE or stage == REST:
+        crossed = False
+        for event in range(beyond.size):
+            search.depths[event, lane] = depths[event]
+            crossed |= (search.depths[event, lane] > 0.0) != beyond[event]
+        if not crossed or (stage == REST and search.n_found[lane] >= MAX_EVENTS):
+            begin_step(search, lane, step)
+            return DONE
+        if stage == WHOLE:
+            search.n_found[lane], search.n_trials[lane], search.left[lane] = 0, 0, step
+            for event in range(beyond.size):
+                search.beyond[event, lane] = beyond[event]
+        search.first[lane], search.nearest[lane] = np.inf, -1
+        _next_edge(search, lane, step, -1, beyond)
+        return BEGUN if stage == WHOLE else TRIED
+    if search.n_trials[lane] > MAX_TRIALS:
+        return HOPELESS
+    if stage == REACHING:
+        search.left[lane] -= search.first[lane]
+        if search.left[lane] <= SHORTEST * step:
+            begin_step(search, lane, step)
+            return DONE
+        search.stage[lane], search.duration[lane] = REST, search.left[lane]
+        return REACHED
+    edge = search.edge[lane]
+    sign = -1.0 if beyond[edge] else 1.0
+    depth = sign * depths[edge]
+    if stage == EARLIEST:
+        if not depth < 0.0:
+            _note(search, lane, 0.0)
+            _next_edge(search, lane, step, edge, beyond)
+            return TRIED
+        bracket = search.bracket
+        bracket[BEFORE, lane], bracket[DEPTH_BEFORE, lane] = search.duration[lane], depth
+        bracket[NOW, lane], bracket[DEPTH_NOW, lane] = search.left[lane], sign * search.depths[edge, lane]
+        search.stage[lane] = NARROWING
+    else:
+        search.bracket[DEPTH_NOW, lane] = depth
+    if _narrow(search.bracket, lane, TIME_TOLERANCE * search.left[lane]):
+        _note(search, lane, search.bracket[NOW, lane])
+        _next_edge(search, lane, step, edge, beyond)
+    else:
+        search.duration[lane] = search.bracket[NOW, lane]
+    return TRIED
+
+
+@njit(error_model="numpy", counted=False)
+def _note(search, lane, root):
+    """Note when the edge that was looked for is reached."""
+    if root < search.first[lane]:
+        search.first[lane], search.nearest[lane] = root, search.edge[lane]
+
+
+@njit(error_model="numpy", counted=False)
+def _next_edge(search, lane, step, edge, beyond):
+    """Look for the next edge that lies in the rest of the step, or go to the nearest."""
+    for event in range(edge + 1, beyond.size):
+        if (search.depths[event, lane] > 0.0) != beyond[event]:
+            search.edge[lane], search.stage[lane] = event, EARLIEST
+            search.duration[lane] = SHORTEST * search.left[lane]
+            return
+    nearest = search.nearest[lane]
+    beyond[nearest] = not beyond[nearest]
+    search.n_found[lane] += 1
+    if search.first[lane] > SHORTEST * step:
+        search.stage[lane], search.duration[lane] = REACHING, search.first[lane]
+    else:
+        search.stage[lane], search.duration[lane] = REST, search.left[lane]
+
+
+@njit(error_model="numpy", counted=False)
+def _narrow(bracket, lane, tolerance):
+    """Do one step of Brent's method (1973, chapter 4) with a new depth; return whether the root is found.
+
+    The root, or the next instant to be tried, is that in the row `NOW`.
+    """
+    b = bracket[:, lane]
+    if (b[DEPTH_BEFORE] < 0.0) != (b[DEPTH_NOW] < 0.0):
+        b[ACROSS], b[DEPTH_ACROSS] = b[BEFORE], b[DEPTH_BEFORE]
+        b[CHANGE] = b[CHANGE_BEFORE] = b[NOW] - b[BEFORE]
+    if abs(b[DEPTH_ACROSS]) < abs(b[DEPTH_NOW]):
+        b[BEFORE], b[NOW] = b[NOW], b[ACROSS]
+        b[ACROSS] = b[BEFORE]
+        b[DEPTH_BEFORE], b[DEPTH_NOW] = b[DEPTH_NOW], b[DEPTH_ACROSS]
+        b[DEPTH_ACROSS] = b[DEPTH_BEFORE]
+    least, half = 0.5 * (tolerance + RELATIVE * abs(b[NOW])), 0.5 * (b[ACROSS] - b[NOW])
+    if b[DEPTH_NOW] == 0.0 or abs(half) < least:
+        return True
+    before, change = half, half
+    if abs(b[CHANGE_BEFORE]) > least and abs(b[DEPTH_NOW]) < abs(b[DEPTH_BEFORE]):
+        if b[BEFORE] == b[ACROSS]:  # a line through both
+            trial = -b[DEPTH_NOW] * (b[NOW] - b[BEFORE]) / (b[DEPTH_NOW] - b[DEPTH_BEFORE])
+        else:  # an inverse parabola through all three
+            behind = (b[DEPTH_BEFORE] - b[DEPTH_NOW]) / (b[BEFORE] - b[NOW])
+            across = (b[DEPTH_ACROSS] - b[DEPTH_NOW]) / (b[ACROSS] - b[NOW])
+            weighted = b[DEPTH_ACROSS] * across - b[DEPTH_BEFORE] * behind
+            trial = -b[DEPTH_NOW] * weighted / (across * behind * (b[DEPTH_ACROSS] - b[DEPTH_BEFORE]))
+        if 2.0 * abs(trial) < min(abs(b[CHANGE_BEFORE]), 3.0 * abs(half) - least):
+            before, change = b[CHANGE], trial
+    b[CHANGE_BEFORE], b[CHANGE] = before, change
+    b[BEFORE], b[DEPTH_BEFORE] = b[NOW], b[DEPTH_NOW]
+    if abs(change) > least:
+        b[NOW] += change
+    else:
+        b[NOW] += least if half > 0.0 else -least
+    return False
+
+
+Place = tuple[State, np.ndarray]  # a state, and the auxiliary accelerations there
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a step, as one sample takes it.
+
+    Attributes
+    ----------
+    end, duration
+        s.
+    edge
+        The edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end.
+    state, auxiliary
+        State and auxiliary accelerations at its end.
+    """
+
+    end: float
+    duration: float
+    edge: int
+    state: State
+    auxiliary: np.ndarray
+
+
+class EventLocation:
+    """Location of the edges that the samples of a system cross.
+
+    Parameters
+    ----------
+    system
+        A system with events.
+    stepper
+        Its steps.
+    start
+        State at time 0.
+
+    Attributes
+    ----------
+    beyond
+        Whether each edge is crossed, shape (n_events, n_samples).
+    shortest
+        Between two crossings of an edge, shape (n_samples,), s; infinite where none was crossed twice.
+    """
+
+    def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
+        self._system, self._stepper = system, stepper
+        self.beyond = system.depths(0.0, start) > 0.0
+        self.shortest = np.full(system.n_samples, np.inf)
+        self._last = np.full(self.beyond.shape, -np.inf)
+
+    def by(self, stepper: AlphaStep) -> EventLocation:
+        """Return the location with other steps of the same samples: what either of them crosses, both have crossed."""
+        other = copy(self)
+        other._stepper = stepper
+        return other
+
+    def crossing(self, end: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return which of some samples, a mask, are beyond other edges at the end of a step than at its beginning."""
+        return samples & np.any((self._system.depths(end, state) > 0.0) != self.beyond, axis=0)
+
+    def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
+        """Repeat steps that cross edges, into `after`; return the samples whose iteration failed.
+
+        Parameters
+        ----------
+        before, after
+            At the beginning and at the end of the step.
+        end, step
+            End and length of the step, s.
+        samples
+            Mask of the samples, shape (n_samples,).
+        """
+        lost = np.zeros_like(samples)
+        with log_event("contacts"):
+            for sample in np.flatnonzero(samples):
+                lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
+        return lost
+
+    def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:
+        """Repeat the step of one sample; return it as a mask if its iteration failed."""
+        parts = self.parts((before.state, before.auxiliary), end, step, alone)
+        if parts is None:
+            return alone
+        for part in parts:
+            if part.edge >= 0:
+                last = self._last[part.edge, alone]
+                self.shortest[alone] = np.minimum(self.shortest[alone], part.end - last)
+                self._last[part.edge, alone] = part.end
+        reached = standing(parts[-1].state, parts[-1].auxiliary, alone.size)
+        put(self._system, after, reached._replace(before=before.state.a), alone)
+        return np.zeros_like(alone)
+
+    def parts(self, moment: Place, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
+        """Take one sample to the end of a step, edge by edge; None where its iteration fails.
+
+        No part goes up to an edge that lies at the beginning of the step, or where another one is.
+
+        Parameters
+        ----------
+        moment
+            State and auxiliary accelerations at the beginning of the step.
+        end, step
+            End and length of the step, s.
+        alone
+            The sample as a mask, shape (n_samples,).
+        """
+        search, taken, (sample,) = allocate_search(len(self.beyond)), [], np.flatnonzero(alone)
+        beyond = self.beyond[:, sample].copy()
+        search.stage[0], search.duration[0] = WHOLE, step
+        left, found = step, TRIED
+        while found != DONE:
+            duration = float(search.duration[0])
+            reaching = search.stage[0] == REACHING
+            until = end if duration == left else end - left + duration
+            there = self._advance(moment, until, duration, alone)
+            if there is not None:
+                depths = np.ascontiguousarray(self._system.depths(until, there[0])[:, sample])
+            elif search.stage[0] == EARLIEST:
+                depths = np.full(len(beyond), np.nan)  # as if the edge were there
+            else:
+                return None
+            found = look(search, 0, step, depths, beyond)
+            if found == HOPELESS:
+                return None
+            if found in (REACHED, DONE):
+                left -= duration
+                moment = there
+                taken.append(Part(until, duration, int(search.nearest[0]) if reaching else -1, *there))
+        self.beyond[:, sample] = beyond
+        return taken
+
+    def _advance(self, moment: Place, end: float, duration: float, alone: np.ndarray) -> Place | None:
+        after, lost = self._stepper.take_one(standing(*moment, alone.size), end, duration, alone)
+        return None if lost.any() else (after.state, after.auxiliary)

@@ -1,0 +1,474 @@
+"""Generalised-alpha time integration of second-order systems with constraints.
+
+The scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007) for the index-3 equations
+``r(t, q, q', q'') + C^T lambda = 0``, ``c(q) = 0``: dynamics and constraints hold exactly at the end of every step,
+
+    (1 - alpha_m) A_{n+1} + alpha_m A_n = (1 - alpha_f) q''_{n+1} + alpha_f q''_n
+    q_{n+1}  = q_n  + h q'_n + h^2 ((1/2 - beta) A_n + beta A_{n+1})
+    q'_{n+1} = q'_n + h ((1 - gamma) A_n + gamma A_{n+1})
+
+with the auxiliary accelerations A. All coefficients follow from the spectral radius at infinite frequency. A batch of
+samples is one bigger system: samples share time and step, but each has its own Newton iteration, so that no sample
+can change another. Each goes as far as it goes by itself (`SecondOrderSystem.advance`); a step that is too much for it,
+or in which it crosses the edge of a law, is taken with care (`alpha_step`, `edge_search`), and it goes on.
+
+One step of PETSc's TS is many steps of the scheme (`stops_of`), or one where an option lets PETSc look at the steps.
+What observes a run is shown every step that it wants to see in any case; the others are not even written down, which
+takes a tenth of the time of a step.
+
+PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
+the initial acceleration.
+
+Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `drivers` for what
+is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import gcd
+
+import numpy as np
+
+from pgmp_petsc.runtime.petsc import has_options
+from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.stepping.alpha_step import AlphaStep, Stretch, first_accelerations, n_first_steps, put, standing
+from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
+from pgmp_petsc.stepping.edge_search import EventLocation
+from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, State
+from pgmp_petsc.stepping.status import Outcome, Status
+
+MOST_AT_ONCE = 4000  # steps in one of the TS
+DIVISORS = (1, 2, 4, 8)  # of the scene's step; the last is as far as a first try may be from a good step
+RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
+
+EachStep = Callable[[int, float, State], object]
+
+
+class Observer:
+    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards.
+
+    Attributes
+    ----------
+    every
+        Steps of which it is to see one, beside start and end; it may be shown more.
+    """
+
+    every: int = 1
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step, given by its number, 0 for the start."""
+        raise NotImplementedError
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """See positions, velocities and accelerations after some steps of a reduced system.
+
+        Parameters
+        ----------
+        numbers, times
+            Of these steps, increasing, and of their ends, s, each of shape (n_t,).
+        trail
+            Shape (n_t, 3, n_samples, n); of samples that have failed, where they stand.
+        """
+        for number, time, parts in zip(numbers, times, trail):
+            self(int(number), float(time), State(*parts, np.zeros(0)))
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
+        for k, number in enumerate(numbers):
+            self(int(number), float(times[k]), states.at(k))
+
+
+class Called(Observer):
+    """A function that sees each state."""
+
+    def __init__(self, function: EachStep) -> None:
+        self._function = function
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step."""
+        self._function(number, time, state)
+
+    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps; the function is called without a method between."""
+        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
+            self._function(number, time, states.at(k))
+
+
+@dataclass(frozen=True)
+class Together(Observer):
+    """One observer for several."""
+
+    observers: Sequence[Observer]
+
+    @property
+    def every(self) -> int:
+        """Steps of which one is to be seen."""
+        return gcd(*(observer.every for observer in self.observers))
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Show the state after a step to all."""
+        for observer in self.observers:
+            observer(number, time, state)
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Show the states after many steps to all."""
+        for observer in self.observers:
+            observer.over(numbers, times, trail)
+
+
+class GeneralisedAlpha:
+    """Steps a `SecondOrderSystem` from stop to stop, as a `drivers.Driver` calls it.
+
+    Attributes
+    ----------
+    status
+        Status of every sample, shape (n_samples,).
+    failure_time
+        Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
+    instants
+        Of the start and the ends of all steps, shape (n_steps + 1,), s.
+    stops
+        Numbers of the steps at which the driver sees the state, 0 and the last one included.
+    n_done
+        Steps that are behind it.
+    n_divided
+        Steps of every sample that were taken in parts, shape (n_samples,).
+    """
+
+    def __init__(
+        self,
+        system: SecondOrderSystem,
+        spectral_radius: float,
+        duration: float,
+        n_steps: int,
+        alive: np.ndarray,
+        stops: np.ndarray,
+        observer: Observer | None,
+        pulse: Callable[[float], object] | None,
+        parts: int = 1,
+    ) -> None:
+        self.system, self._parts = system, parts
+        start = system.start()
+        self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
+        self.failure_time = np.where(alive, np.nan, 0.0)
+        self._alive = alive.copy()
+        if system.settled is not None:
+            self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
+        self._stepper = AlphaStep(system, spectral_radius, patient=parts == 1)
+        self._finer, self.n_divided = AlphaStep(system, spectral_radius), np.zeros(system.n_samples, dtype=int)
+        self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
+        self._step = duration / n_steps
+        self._moment = standing(start, start.a.copy(), system.n_samples)
+        if n_first_steps(system) and self._alive.any():
+            first, self._stepper.n_iterations = first_accelerations(system, start, self._step, self._alive)
+            self._moment = self._moment._replace(auxiliary=first)
+        self._events = EventLocation(system, self._stepper, start) if system.n_events else None
+        self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
+        self._observer, self._pulse = observer, pulse
+        if observer is not None:
+            observer(0, 0.0, start.copy())
+
+    @property
+    def state(self) -> State:
+        """The current state."""
+        return self._moment.state
+
+    @property
+    def n_iterations(self) -> int:
+        """Newton corrections done so far, all samples together."""
+        return self._stepper.n_iterations + self._finer.n_iterations
+
+    @property
+    def n_fresh(self) -> int:
+        """Corrections so far that found a matrix and its factors anew; known of a single sample."""
+        return self._stepper.n_fresh + self._finer.n_fresh
+
+    @property
+    def n_calls(self) -> int:
+        """Calls of the system for steps and corrections, so far."""
+        return self._stepper.n_calls + self._finer.n_calls
+
+    @property
+    def shortest_crossing(self) -> np.ndarray:
+        """Time between two crossings of an edge, the shortest of every sample, shape (n_samples,), s; infinite where no
+        edge was crossed twice."""
+        return np.full(self._alive.size, np.inf) if self._events is None else self._events.shortest
+
+    def advance(self) -> None:
+        """Advance all living samples to the next stop."""
+        last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
+        while self.n_done < last:
+            self._advance_to(min(last, self.n_done + self.system.steps_at_once))
+        if self._pulse is not None:
+            self._pulse(last / (self.instants.size - 1))
+
+    def _advance_to(self, last: int) -> None:
+        """Advance all living samples to an instant, each as far as it goes by itself, and from there with care.
+
+        Those that a step is too much for, or that cross an edge in it, take that step with care and go on.
+        """
+        system, at, todo = self.system, np.full(self._alive.size, self.n_done), self._alive.copy()
+        shown = self._shown(last)
+        trail = system.trail(self.state, shown.size)
+        self._stand(trail, ~todo)
+        while todo.any():
+            first = int(at[todo].min())
+            together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
+            outcome, n_steps = system.advance(
+                Stretch(self._stepper, self._moment, first, ends, self._step, together, self._beyond, shown, trail)
+            )
+            at[together] += n_steps[together]
+            stuck = together & (outcome != Outcome.DONE)
+            for number in sorted(set(at[stuck].tolist())):
+                there = stuck & (at == number)
+                self._advance_with_care(number, there, outcome)
+                self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
+                at[there] += 1
+            todo &= self._alive & (at < last)
+        self.n_done = last
+        if shown.size:
+            # not PETSc's own time, a sum of steps: its round-off grows over the run
+            system.show(self._observer, shown, self.instants[shown], trail)
+
+    def _shown(self, last: int) -> np.ndarray:
+        """Return the numbers of the steps up to `last` that the observer is to see."""
+        if self._observer is None:
+            return np.zeros(0, dtype=np.int64)
+        numbers = np.arange(self.n_done + 1, last + 1)
+        return numbers[(numbers % self._observer.every == 0) | (numbers == self.instants.size - 1)]
+
+    def _stand(self, trail: State, samples: np.ndarray) -> None:
+        """Leave some samples where they are in all instants of a trail."""
+        if samples.any() and len(trail.q):
+            parts = zip(trail.parts(), self.state.parts())
+            here = State(*(np.broadcast_to(part, of_trail.shape) for of_trail, part in parts))
+            self.system.restore_all(trail, here, samples)
+
+    def _advance_with_care(self, number: int, samples: np.ndarray, outcome: np.ndarray) -> None:
+        """Advance some samples by one step, in place; retire those for which that fails.
+
+        `outcome` says what came of it before; those that were lost may cross an edge too.
+        """
+        lost, crossing, outside = (
+            samples & (outcome == each) for each in (Outcome.LOST, Outcome.CROSSED, Outcome.OUTSIDE)
+        )
+        before, end = self._moment, float(self.instants[number + 1])
+        after, failed = standing(before.state.copy(), before.auxiliary.copy(), samples.size), np.zeros_like(samples)
+        if lost.any():
+            after, failed = self._stepper.retry(before, end, self._step, lost)
+        if self._events is not None:
+            crossing |= self._events.crossing(end, after.state, lost & ~failed)
+            failed |= self._events.repeat_steps(before, after, end, self._step, crossing)
+        if self._parts > 1 and failed.any():
+            failed = self._advance_in_parts(before, after, number, failed)
+        if failed.any():
+            self._retire(failed, self.system.reasons(end, before.state, failed), end)
+        outside = outside | samples & ~failed & self.system.outside(after.state)
+        self._retire(outside, Status.LEFT_RANGE, end)
+        fine = samples & self._alive
+        if fine.any():
+            put(self.system, before, after._replace(before=before.state.a.copy()), fine)
+
+    def _advance_in_parts(self, before: Moment, after: Moment, number: int, samples: np.ndarray) -> np.ndarray:
+        """Take a step of some samples, a mask, in equal parts, into `after`; return those whose iteration failed.
+
+        The auxiliary accelerations run ahead of the others by a share of the step.
+        """
+        begin, step, lost = float(self.instants[number]), self._step / self._parts, np.zeros_like(samples)
+        ahead = before.state.a + (before.auxiliary - before.state.a) / self._parts
+        moment = standing(before.state, ahead, samples.size)
+        events = None if self._events is None else self._events.by(self._finer)
+        self.n_divided += samples
+        ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
+        for end in ends.tolist():
+            going = samples & ~lost
+            reached, failed = self._finer.take_one(moment, end, step, going)
+            if events is not None:
+                crossing = events.crossing(end, reached.state, going & ~failed)
+                failed |= events.repeat_steps(moment, reached, end, step, crossing)
+            lost, moment = lost | failed, reached
+            if not (samples & ~lost).any():
+                break
+        put(self.system, after, moment, samples & ~lost)
+        return lost
+
+    def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
+        """Record a failure; the sample stays where it was at the beginning of the step."""
+        self.status[samples] = reason
+        self.failure_time[samples] = time
+        self._alive &= ~samples
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of an integration.
+
+    Attributes
+    ----------
+    state
+        Final state.
+    status, failure_time
+        Of every sample, shape (n_samples,).
+    n_steps, n_iterations
+        Steps, and Newton corrections of all samples together.
+    n_fresh
+        Those that found a matrix and its factors anew; known of a single sample.
+    n_calls
+        Calls of the system for steps and corrections.
+    """
+
+    state: State
+    status: np.ndarray
+    failure_time: np.ndarray
+    n_steps: int
+    n_iterations: int
+    n_fresh: int = 0
+    n_calls: int = 0
+
+
+def count_steps(duration: float, step: float) -> int:
+    """Return the number of equal steps, none longer than `step`, that end at `duration`."""
+    return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
+
+
+def instants(duration: float, n_steps: int) -> np.ndarray:
+    """Return the times of equal steps, without the round-off of their sum, shape (n_steps + 1,); the last is the
+    duration."""
+    times = duration * np.arange(n_steps + 1) / n_steps
+    times[-1] = duration
+    return times
+
+
+def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
+    """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
+    if has_options(prefix):
+        return np.arange(n_steps + 1)
+    return np.append(np.arange(0, n_steps, at_once), n_steps)
+
+
+def integrate(
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray | None = None,
+    observer: Observer | EachStep | None = None,
+    prefix: str = PREFIX,
+    pulse: Callable[[float], object] | None = None,
+) -> Run:
+    """Integrate a system over a scene's duration. Collective on ``system.comm``.
+
+    Parameters
+    ----------
+    system
+        The model; all its samples advance together.
+    simulation
+        Duration, step and spectral radius of the scene.
+    alive
+        Samples to integrate at all, shape (n_samples,); all by default.
+    observer
+        Sees the start and the states after steps; a function is called with number, time and state of each.
+    prefix
+        Of the options that reach this integration.
+    pulse
+        Called at every step of the driver, which may be many of the integrator's, with the share of all steps that are
+        behind it.
+
+    Raises
+    ------
+    InputError
+        If an option of PETSc would change what the scene asks for.
+    RunError
+        If the run ends early, with PETSc's reason. A sample that fails ends nothing: it is a status.
+    """
+    check_ts_options()
+    if alive is None:
+        alive = np.ones(system.n_samples, dtype=bool)
+    n_steps = count_steps(simulation.duration, simulation.step)
+    if observer is not None and not isinstance(observer, Observer):
+        observer = Called(observer)
+    at_once = system.steps_between_looks(None if observer is None else observer.every)
+    stops = stops_of(n_steps, min(at_once, MOST_AT_ONCE), prefix)
+    radius, duration = simulation.spectral_radius, simulation.duration
+    stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
+    driver_here().drive(stepper, system.comm, prefix)
+    counted = stepper.n_iterations, stepper.n_fresh, stepper.n_calls
+    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *counted)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Samples and step of an integration from time 0.
+
+    Attributes
+    ----------
+    samples
+        Numbers of the samples in the batch, shape (n,).
+    alive
+        Which of these are to be integrated at all, shape (n,).
+    simulation
+        The scene's, with the step of this attempt.
+    divisor
+        By which the scene's step is divided.
+    """
+
+    samples: np.ndarray
+    alive: np.ndarray
+    simulation: Simulation
+    divisor: int
+
+
+@dataclass(frozen=True)
+class RetriedRun:
+    """Result of a batch, with repeated attempts.
+
+    Attributes
+    ----------
+    status, failure_time
+        Of every sample in its last attempt, shape (n_samples,).
+    divisors
+        By what the scene's step was divided in that attempt, shape (n_samples,).
+    """
+
+    status: np.ndarray
+    failure_time: np.ndarray
+    divisors: np.ndarray
+
+
+def integrate_with_smaller_steps(
+    run: Callable[[Attempt], Run], simulation: Simulation, alive: np.ndarray, divisors: tuple[int, ...] = DIVISORS
+) -> RetriedRun:
+    """Integrate a batch, and those of its samples that fail again, from the start, with smaller steps.
+
+    Only they are: a sample that is fine keeps its numbers to the last bit, and a sample that is tried again has
+    nobody's but its own, so that neither batch nor number of ranks plays a part. A sample whose reduced model broke
+    down with two steps in turn is not tried further: it is the model that ends there, not the integration.
+
+    Parameters
+    ----------
+    run
+        Integrates an attempt and keeps what it wants of the samples that are fine; what it kept of an earlier attempt
+        of the same sample is void.
+    simulation
+        The scene's.
+    alive
+        Samples to integrate at all, shape (n_samples,).
+    divisors
+        Of the scene's step, one after the other; the first is 1.
+    """
+    n_steps = count_steps(simulation.duration, simulation.step)
+    status = np.full(alive.size, Status.UNPHYSICAL, dtype=int)
+    failure_time, divided = np.zeros(alive.size), np.ones(alive.size, dtype=int)
+    samples = np.arange(alive.size)
+    for divisor in divisors:
+        # the first step as it is: a quotient of a product may differ in the last bit
+        step = simulation.step if divisor == 1 else simulation.duration / (n_steps * divisor)
+        attempt = Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor)
+        done = run(attempt)
+        before = status[samples]
+        status[samples], failure_time[samples], divided[samples] = done.status, done.failure_time, divisor
+        unchanged = (done.status == Status.BROKE_DOWN) & (before == Status.BROKE_DOWN)
+        samples = samples[np.isin(done.status, RETRIED) & ~unchanged]
+        if not samples.size:
+            break
+    return RetriedRun(status, failure_time, divided)

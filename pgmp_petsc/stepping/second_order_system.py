@@ -1,0 +1,239 @@
+"""A model as the integrator sees it: a second-order system, its state, and the scheme that ties the two in a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken, Stretch
+    from pgmp_petsc.stepping.generalised_alpha import Observer
+    from pgmp_petsc.stepping.static_equilibrium import Settled
+
+# What surrounds a call takes the time of some hundred steps of a single sample in compiled code; where Python goes from
+# step to step more gain nothing.
+AT_ONCE = 50
+
+
+@dataclass
+class State:
+    """State at one time; the arrays have the system's own shapes, all samples together.
+
+    Attributes
+    ----------
+    q, v, a
+        Coordinates, velocities, accelerations.
+    multipliers
+        Lagrange multipliers; of size zero for a system without constraints.
+    turns
+        Angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one
+        before; of size zero where there are none.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    multipliers: np.ndarray
+    turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def copy(self) -> State:
+        """Return a deep copy."""
+        return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy(), self.turns.copy())
+
+    def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return all arrays."""
+        return self.q, self.v, self.a, self.multipliers, self.turns
+
+    def at(self, number: int | slice) -> State:
+        """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
+        return State(self.q[number], self.v[number], self.a[number], self.multipliers[number], self.turns[number])
+
+
+class Moment(NamedTuple):
+    """Where samples are between two steps.
+
+    Attributes
+    ----------
+    state, auxiliary
+        State, and the auxiliary accelerations there.
+    before
+        Accelerations one step before, from which the next ones are extrapolated.
+    contraction
+        Of Newton's iteration, as it is expected in the next step, shape (n_samples,).
+    """
+
+    state: State
+    auxiliary: np.ndarray
+    before: np.ndarray
+    contraction: np.ndarray
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Coefficients for a spectral radius and a step; `gain_v` and `gain_a` are dv/dq and da/dq within a step."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    gain_v: float
+    gain_a: float
+
+    @classmethod
+    def of(cls, spectral_radius: float, step: float) -> Scheme:
+        """Return the coefficients of second order with the given spectral radius at infinite frequency."""
+        alpha_m = (2 * spectral_radius - 1) / (spectral_radius + 1)
+        alpha_f = spectral_radius / (spectral_radius + 1)
+        gamma = 0.5 + alpha_f - alpha_m
+        beta = 0.25 * (gamma + 0.5) ** 2
+        return cls(
+            alpha_m,
+            alpha_f,
+            beta,
+            gamma,
+            gain_v=gamma / (beta * step),
+            gain_a=(1 - alpha_m) / ((1 - alpha_f) * beta * step**2),
+        )
+
+
+class SecondOrderSystem:
+    """Interface of a model for the integrator; a batch of samples is one system.
+
+    Samples are numbered 0 to n_samples - 1 whatever the shapes of the state's arrays. What a model does not say is as
+    of one without constraints that move, edges and limits of laws, turns, and steps of its own.
+
+    Attributes
+    ----------
+    comm
+        Ranks that share the samples.
+    n_samples
+        Number of samples.
+    settled
+        Static equilibria that the samples start from, None where they start undeformed.
+    n_events
+        Edges of laws whose crossing is to be found in time.
+    steps_at_once
+        Steps that the samples are to take at most until they meet.
+    has_light_nodes
+        Whether a run begins with other accelerations than those of the start; see `first_accelerations`.
+    rubs
+        Whether nothing is to be concluded from how an iteration contracted in the step before.
+    has_range
+        Whether samples may leave the model's range of validity (`outside`).
+    moving_constraints
+        Whether constraints turn or follow motions; see `AlphaStep`.
+    """
+
+    comm: MPI.Comm
+    n_samples: int
+    settled: Settled | None = None
+    n_events: int = 0
+    steps_at_once: int = 1
+    has_light_nodes: bool = False
+    rubs: bool = False
+    has_range: bool = False
+    moving_constraints: bool = False
+
+    def start(self) -> State:
+        """Return the consistent state at time 0."""
+        raise NotImplementedError
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        """Do one Newton correction of the active samples, in place.
+
+        Parameters
+        ----------
+        time
+            End of the step, s.
+        state
+            Iterate; ``q``, ``v``, ``a`` and multipliers are corrected consistently with the scheme.
+        scheme
+            Gains of the step.
+        active
+            Samples to correct, shape (n_samples,).
+        fresh
+            Whether the iteration matrix is to be evaluated anew.
+
+        Returns
+        -------
+        ndarray, shape (n_samples,)
+            Size of the correction, in units of the mechanism's size or of 1 rad; not finite where it failed.
+        """
+        raise NotImplementedError
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        """Put the given samples (a mask) of `state` back to `previous`."""
+        raise NotImplementedError
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples failed in a step.
+
+        Parameters
+        ----------
+        time, state
+            End of the step, and the state at its beginning.
+        samples
+            Mask of the n samples that failed, shape (n_samples,).
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of a `Status`.
+        """
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Give back what the system holds outside Python."""
+
+    def outside(self, state: State) -> np.ndarray:
+        """Return a mask of the samples that left the model's range of validity."""
+        return np.zeros(self.n_samples, dtype=bool)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed (negative: not), shape (n_events, n_samples)."""
+        return np.zeros((0, self.n_samples))
+
+    def begin_iteration(self) -> None:
+        """Take note that an iteration begins: laws with limits are evaluated as if for the first time."""
+
+    def limited(self) -> np.ndarray:
+        """Return a mask of the samples of which a law was limited in the last correction (`effects.law`): their
+        iteration goes on."""
+        return np.zeros(self.n_samples, dtype=bool)
+
+    def count_turns(self, state: State) -> None:
+        """Take note of the angles at an instant that is kept."""
+
+    def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
+        """Make velocities and accelerations of some samples consistent with the constraints at the end of a step."""
+
+    def take_steps(self, asked: StepsAsked) -> StepsTaken:
+        """Take equal steps, up to one in which an iteration fails."""
+        return asked.taken_by_corrections(self)
+
+    def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """Take some samples through equal steps, each until it is done or something happens to it; return an `Outcome`
+        and the number of steps of each, shape (n_samples,). One that is done with fewer than all is to go on."""
+        return stretch.advanced_together(self)
+
+    def trail(self, state: State, n: int) -> State:
+        """Return room for n states such as a given one."""
+        return State(*(np.empty((n, *part.shape)) for part in state.parts()))
+
+    def restore_all(self, trail: State, states: State, samples: np.ndarray) -> None:
+        """Put the given samples (a mask) in all instants of a trail to what they are in other states."""
+        for number in range(len(trail.q)):
+            self.restore(trail.at(number), states.at(number), samples)
+
+    def show(self, observer: Observer, numbers: np.ndarray, times: np.ndarray, trail: State) -> None:
+        """Show the states after some steps to an observer."""
+        observer.over_states(numbers, times, trail)
+
+    def steps_between_looks(self, every: int | None) -> int:
+        """Return how many steps make one of PETSc's TS where it does not look, if one in `every` is observed, or none
+        (None); the same on all ranks."""
+        return AT_ONCE

@@ -1,0 +1,389 @@
+"""Static equilibrium of a model under its loads at time zero, where a run may start at rest.
+
+With held coordinates theta the bodies take their static deformation, and a torque on every coordinate keeps it where it
+is. What the loads leave over, ``f(theta)``, is that torque with the opposite sign; free coordinates are in equilibrium
+where ``f = 0``. The search follows f downhill from the given start with steps of `LONGEST` at most: with ``S = - df /
+dtheta`` by differences,
+
+    step = |S|^-1 f,     |S| = V |Lambda| V^T  of the symmetric part of S, or S itself where it is positive definite,
+
+Newton's method with the modified Hessian (Nocedal and Wright 2006, section 3.4): it goes to the equilibrium that loads
+pull the mechanism to, and stays at an unstable one only if it starts there. Every sample is searched by itself.
+
+What is said of runs and samples that start from static equilibrium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Driving
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+
+SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
+MAX_CORRECTIONS = 60  # forces that turn with a body have no exact tangent: the iteration is then linear
+LONGEST = 0.2  # of a correction or a step, in units of the mechanism's size or of 1 rad
+TOLERANCE = 1e-12  # of the last correction, in the same units
+ROUND_OFF = 1e-8  # of a correction that no longer becomes smaller
+DIFFERENCE = 1e-5  # rad
+MAX_STEPS = 400
+TRAVEL = 4.5 * np.pi  # rad; every equilibrium of a periodic coordinate lies within a turn
+STILL = 1e-10  # rad that a torque moves a coordinate within the run: less is none
+
+
+class Statics(Protocol):
+    """Interface of a model with held coordinates for the search."""
+
+    n_samples: int
+
+    def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find the deformation at held coordinates.
+
+        Parameters
+        ----------
+        theta
+            Shape (n_samples, n_theta), rad.
+        samples
+            Mask of the samples to hold, shape (n_samples,).
+
+        Returns
+        -------
+        torques
+            What the loads leave over on every coordinate, shape (n_samples, n_theta), N m.
+        lost
+            Mask of the samples without a solution.
+        """
+
+    def cause(self, sample: int) -> str:
+        """Return why a sample was lost last, with what helps."""
+
+    def unknowns(self) -> np.ndarray:
+        """Return the unknowns that were found last, a column a sample."""
+
+    def inertia(self) -> np.ndarray:
+        """Return the inertia of the rigid mechanism against each coordinate at the start, (n_samples, n_theta)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where samples start.
+
+    Attributes
+    ----------
+    theta
+        Rigid coordinates, shape (n_samples, n_theta), rad.
+    unknowns
+        Of the model, a column a sample.
+    reasons
+        Why a sample has no equilibrium, by its number.
+    unstable
+        Mask of the samples whose equilibrium is unstable.
+    names
+        Of the coordinates.
+    free
+        Whether any coordinate was free.
+    """
+
+    theta: np.ndarray
+    unknowns: np.ndarray
+    reasons: dict[int, str]
+    unstable: np.ndarray
+    names: tuple[str, ...]
+    free: bool
+
+    @property
+    def lost(self) -> np.ndarray:
+        """Mask of the samples without equilibrium."""
+        return np.isin(np.arange(len(self.theta)), list(self.reasons))
+
+    def at_rest(self, state: State, n_driven: int) -> State:
+        """Return a start without the accelerations that round-off of the forces gives light nodes, in place.
+
+        Only where all coordinates are free there are none: held ones are let go, driven ones (`n_driven`) move.
+        """
+        if self.free and n_driven == 0:
+            state.a[:] = 0.0
+        return state
+
+    def require(self) -> None:
+        """Refuse a single run without equilibrium.
+
+        Raises
+        ------
+        InputError
+            With the reason.
+        """
+        if self.reasons:
+            raise InputError(self.reasons[min(self.reasons)])
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Which coordinates are free, and how far they may go.
+
+    Attributes
+    ----------
+    free
+        Their numbers.
+    names
+        Of all coordinates.
+    lower, upper
+        Range of all coordinates, without bounds for periodic ones, each of shape (n_theta,), rad.
+    duration
+        Of the run, s: what does not move within it is at rest.
+    """
+
+    free: tuple[int, ...]
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    duration: float
+
+
+def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
+    """Find the equilibrium of every sample that its loads pull it to from theta, shape (n_samples, n_theta)."""
+    theta = np.array(theta, dtype=float)
+    everyone, reasons = np.ones(statics.n_samples, dtype=bool), {}
+    free = list(search.free)
+    torques, lost = statics.hold(theta, everyone)
+    _note(reasons, lost, _no_deformation(statics, search, theta))
+    unstable = np.zeros(statics.n_samples, dtype=bool)
+    if not free:
+        return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
+    inertia, origin = statics.inertia()[:, free], theta.copy()
+    active, limit = everyone & ~lost, np.full(statics.n_samples, LONGEST)
+    last, before = np.full(statics.n_samples, np.inf), np.zeros((statics.n_samples, len(free)))
+    for _ in range(MAX_STEPS):
+        slopes, lost = _slopes(statics, theta, torques, free, active)
+        _note(reasons, active & lost, _no_deformation(statics, search, theta))
+        active &= ~lost
+        step, definite = _downhill(slopes, torques[:, free], inertia / search.duration**2)
+        turned = np.sum(step * before, axis=1) < 0.0
+        limit = np.where(turned, 0.5 * limit, np.minimum(LONGEST, 1.5 * limit))
+        size = np.max(np.abs(step), axis=1)
+        arrived = active & settled_in(size, last)
+        unstable |= arrived & ~definite
+        active &= ~arrived
+        if not active.any():
+            break
+        step = step * np.minimum(1.0, limit / np.maximum(size, 1e-300))[:, None] * active[:, None]
+        before, last = np.where(active[:, None], step, before), np.where(active, size, last)
+        theta[:, free] += step
+        away = _out_of_reach(search, theta, origin)
+        _note(reasons, active & away, _nowhere(search, theta, origin, torques))
+        theta[active & away] = origin[active & away]
+        active &= ~away
+        torques, lost = statics.hold(theta, active)
+        _note(reasons, active & lost, _no_deformation(statics, search, theta))
+        active &= ~lost
+    _note(reasons, active, _nowhere(search, theta, origin, torques))
+    _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
+    _note(reasons, lost, _no_deformation(statics, search, theta))
+    return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
+
+
+def put_on(
+    begin: Callable[[np.ndarray], None], converge: Callable[[np.ndarray, float], np.ndarray], samples: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put loads on some samples, a mask, at once, or in more parts where their deformations do not converge.
+
+    Parameters
+    ----------
+    begin
+        Puts samples back to the beginning.
+    converge
+        Deforms samples under a share of the loads, and returns which of them converged.
+
+    Returns
+    -------
+    lost
+        Mask of the samples that no number of parts helps.
+    reached
+        The largest share with which a deformation was found, shape (n_samples,).
+    """
+    lost, reached = samples.copy(), np.zeros(samples.size)
+    for n_parts in SHARES:
+        going = lost.copy()
+        begin(going)
+        for part in range(1, n_parts + 1):
+            going &= converge(going, part / n_parts)
+            if not going.any():
+                break
+            reached[going] = np.maximum(reached[going], part / n_parts)
+        lost &= ~going
+        if not lost.any():
+            break
+    return lost, reached
+
+
+def iterate_at_rest(correct: Callable[[np.ndarray], np.ndarray], samples: np.ndarray) -> np.ndarray:
+    """Correct some samples, a mask, each to its own convergence; return which of them converged.
+
+    `correct` does one correction of a mask of them, and returns its sizes.
+    """
+    active, found, last = samples.copy(), np.zeros_like(samples), np.full(samples.size, np.inf)
+    for _ in range(MAX_CORRECTIONS):
+        size = correct(active)
+        done = active & settled_in(size, last)
+        found |= done
+        active &= ~done & np.isfinite(size)
+        last = size
+        if not active.any():
+            break
+    return found
+
+
+def settled_in(size: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return which corrections, after others of the size `last`, are small or no longer become smaller."""
+    return (size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= 0.5 * last))
+
+
+def _slopes(
+    statics: Statics, theta: np.ndarray, torques: np.ndarray, free: Sequence[int], active: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``- df / dtheta`` of the free coordinates, shape (n_samples, n_free, n_free), and the samples lost."""
+    slopes = np.zeros((statics.n_samples, len(free), len(free)))
+    failed = np.zeros(statics.n_samples, dtype=bool)
+    for column, k in enumerate(free):
+        moved = theta.copy()
+        moved[:, k] += DIFFERENCE
+        changed, lost = statics.hold(moved, active)
+        failed |= lost
+        slopes[:, :, column] = -(changed - torques)[:, free] / DIFFERENCE
+    return slopes, failed & active
+
+
+def _downhill(slopes: np.ndarray, torques: np.ndarray, still: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return steps (n_samples, n_free), and whether S is positive definite, or as good as zero.
+
+    `still` are torques that move a coordinate by 1 rad within the run, shape (n_samples, n_free), N m.
+    """
+    steps, definite = np.zeros_like(torques), np.ones(len(torques), dtype=bool)
+    for sample, (slope, torque, least) in enumerate(zip(slopes, torques, still)):
+        if not (np.all(np.isfinite(slope)) and np.all(np.isfinite(torque))):
+            continue
+        values, vectors = np.linalg.eigh(0.5 * (slope + slope.T))
+        faint = STILL * float(np.min(least))
+        # differences of torques as small as round-off are no stiffness
+        definite[sample] = bool(np.all(values > -faint / DIFFERENCE))
+        if np.all(np.abs(torque) <= STILL * least):
+            continue
+        if np.all(values > 0.0):
+            steps[sample] = np.linalg.solve(slope, torque)
+        else:
+            steps[sample] = vectors @ ((vectors.T @ torque) / np.maximum(np.abs(values), faint))
+    return steps, definite
+
+
+def _out_of_reach(search: Search, theta: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return the samples that left the range, or went round without coming to rest."""
+    outside = np.any((theta < search.lower) | (theta > search.upper), axis=1)
+    return outside | np.any(np.abs(theta - origin) > TRAVEL, axis=1)
+
+
+def _note(reasons: dict[int, str], samples: np.ndarray, explain) -> None:
+    """Keep the reason of samples (a mask) that have none yet."""
+    for sample in np.flatnonzero(samples):
+        reasons.setdefault(int(sample), explain(int(sample)))
+
+
+def _no_deformation(statics: Statics, search: Search, theta: np.ndarray):
+    def explain(sample: int) -> str:
+        return (
+            f"initial.equilibrium = true: the static deformation at {_places(search, theta[sample])} was not found: "
+            f"{statics.cause(sample)}"
+        )
+
+    return explain
+
+
+def cause_of(share: float) -> str:
+    """Say why a deformation was not found under the loads at time zero, of which a share was reached."""
+    reached = f"{100.0 * share:.3g} % of" if share > 0.0 else f"less than 1/{SHARES[-1]} of"
+    return (
+        f"Newton's iteration converges with {reached} the loads and springs at time zero, and not with all: they may "
+        "be larger than the bodies carry; take smaller ones, or let simulation.initial begin elsewhere"
+    )
+
+
+def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.ndarray):
+    def explain(sample: int) -> str:
+        left = ", ".join(f"{torques[sample, k]:.3g} N m on {search.names[k]}" for k in search.free)
+        return (
+            f'initial.coordinates = "free": from {_places(search, origin[sample])} the loads at time zero pull the '
+            f"mechanism to no static equilibrium; at {_places(search, theta[sample])} they leave {left}. Give what "
+            'holds it against them, another start in simulation.initial, or take coordinates = "held"'
+        )
+
+    return explain
+
+
+def _places(search: Search, theta: np.ndarray) -> str:
+    return ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(search.names, theta))
+
+
+ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
+
+
+def require_settled(system: SecondOrderSystem) -> None:
+    """Refuse a single run that has no static equilibrium to start from; its system is closed then.
+
+    Raises
+    ------
+    InputError
+        With the reason.
+    """
+    if system.settled is not None and system.settled.reasons:
+        system.close()
+        system.settled.require()
+
+
+def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]:
+    """Return where runs of a scene start from static equilibrium, and whether they will stay there."""
+    settled = system.settled
+    if settled is None:
+        return ()
+    places = ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(settled.names, settled.theta[0]))
+    if not settled.free:
+        return (note(f"the run starts from static deformation with coordinates held at {places}{_let_go(scene)}"),)
+    remarks = [note(f"the run starts from static equilibrium at {places}")]
+    if np.any(settled.unstable):
+        remarks.append(
+            warning(
+                f"the static equilibrium at {places} is unstable: the smallest disturbance, round-off too, makes the "
+                f"mechanism leave it; {ELSEWHERE}"
+            )
+        )
+    return tuple(remarks)
+
+
+def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
+    """Return where the samples of an ensemble start from, and how many will not stay there (a mask)."""
+    if not scene.initial.equilibrium:
+        return ()
+    if scene.initial.coordinates == "held":
+        return (note(f"every sample starts from its own static deformation with coordinates held{_let_go(scene)}"),)
+    remarks = [note("every sample starts from its own static equilibrium")]
+    if unstable.any():
+        remarks.append(
+            warning(
+                f"the static equilibrium of {int(unstable.sum())} of {unstable.size} samples is unstable: the smallest "
+                f"disturbance, round-off too, makes the mechanism leave it; {ELSEWHERE}"
+            )
+        )
+    return tuple(remarks)
+
+
+def _let_go(scene: Scene) -> str:
+    """Return the text on coordinates that are held at first: prescribed ones go on as prescribed."""
+    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
+    if not driven:
+        return ", and lets them go"
+    let_go = [name for name in scene.coordinates if name not in driven]
+    return f", and lets {', '.join(let_go)} go" if let_go else ""

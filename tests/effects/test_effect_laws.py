@@ -1,0 +1,253 @@
+"""Laws of local effects: against closed forms and differences, in Python, compiled and in C; what is no declaration."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, TIMEOUT_SECONDS
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects import laws
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.free_play import FREE_PLAY
+from pgmp_petsc.effects.law import Law, differentiate, obey
+from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.statements import distance
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.errors import InputError
+
+STEP = 1e-6  # central differences of functions of order 1: 1e-12 by truncation, 1e-10 by round-off
+ATOL = 1e-9
+FOUND = [one for one in vars(laws).values() if isinstance(one, Law)] + [FREE_PLAY]
+UPPER, LOWER = (50.0, 0.3, 0.5, 1.0), (50.0, 0.3, -0.5, -1.0)
+# law, parameters, amplitude, measure, rate
+STATES = {
+    "source": (SOURCE, (2.0,), 1.5, 0.3, 0.7),
+    "spring": (SPRING_DAMPER, (3.0, 0.4, 0.2), 0.0, 0.9, -0.7),
+    "friction": (FRICTION, (2.0, 0.5), 0.0, 0.3, 0.2),
+    "upper stop, going in": (STOP, UPPER, 0.0, 0.6, 0.9),
+    "upper stop, coming out": (STOP, UPPER, 0.0, 0.6, -0.9),
+    "upper stop, not reached": (STOP, UPPER, 0.0, 0.4, 0.9),
+    "lower stop, going in": (STOP, LOWER, 0.0, -0.6, -0.9),
+    "lower stop, torn out": (STOP, LOWER, 0.0, -0.6, 9.0),
+    "gap, above": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.6, 0.9),
+    "gap, below": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, -0.6, 0.9),
+    "gap, within": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.45, 0.9),
+}
+
+
+def closed_form(law: Law, p: tuple[float, ...], amplitude: float, s: float, rate: float) -> tuple[float, ...]:
+    """Return F, -dF/ds, -dF/ds', the elastic force and its energy, written by hand."""
+    if law is SOURCE:
+        return amplitude * p[0], 0.0, 0.0, 0.0, 0.0
+    if law is SPRING_DAMPER:
+        x = s - p[2]
+        return -p[0] * x - p[1] * rate, p[0], p[1], -p[0] * x, 0.5 * p[0] * x * x
+    if law is FRICTION:
+        bent = np.tanh(rate / p[1])
+        return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
+    k, c, place, side = p
+    if law is FREE_PLAY:
+        place, side = (p[3], 1.0) if s > p[3] else (p[2], -1.0)
+    depth, braking = side * (s - place), 1.0 + c * side * rate
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    elastic, stored = -side * k * depth, 0.5 * k * depth**2
+    if braking <= 0.0:
+        return 0.0, 0.0, 0.0, elastic, stored
+    return elastic * braking, k * braking, k * c * depth, elastic, stored
+
+
+@njit(error_model="numpy")
+def compiled(address, p, amplitude, s, rate, about, depths):
+    return obey(address, p, amplitude, s, rate, about, depths)
+
+
+@njit(error_model="numpy")
+def compiled_slopes(address, p, amplitude, s, rate, found):
+    return differentiate(address, p, amplitude, s, rate, found)
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """All laws as they are printed in C."""
+    source = tmp_path_factory.mktemp("laws") / "laws.c"
+    text = "\n".join(law.code.C.replace("static ", "") for law in FOUND)
+    source.write_text(f"#include <math.h>\n{text}\n")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, "-o", source.with_suffix(".so"), source, "-lm"], check=True, timeout=TIMEOUT_SECONDS)
+    return ctypes.CDLL(str(source.with_suffix(".so")))
+
+
+def evaluated_in_c(
+    library: ctypes.CDLL, law: Law, p: np.ndarray, amplitude: float, s: float, rate: float, about: float
+) -> np.ndarray:
+    """Return force, stiffness, damping, about and how far edges are crossed."""
+    found, pointer = np.zeros(4 + len(law.edges)), ctypes.POINTER(ctypes.c_double)
+    function = getattr(library, f"law_{law.name}")
+    function.argtypes, function.restype = [pointer, *[ctypes.c_double] * 4, pointer], None
+    function(p.ctypes.data_as(pointer), amplitude, s, rate, about, found.ctypes.data_as(pointer))
+    return found
+
+
+@pytest.mark.parametrize("law", FOUND, ids=lambda law: law.name)
+def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDLL) -> None:
+    """At random points; both sides round some ten operations on numbers of order 10."""
+    random = np.random.default_rng(5)
+    for _ in range(500):
+        p = random.uniform(0.1, 2.0, size=len(law.parameters))
+        if law is STOP:
+            p[3] = random.choice([-1.0, 1.0])
+        if law is FREE_PLAY:
+            p[2:] = np.sort(p[2:])
+        amplitude, s, rate, about = random.normal(size=4)
+        wanted = closed_form(law, tuple(p), amplitude, s, rate)
+        if law is FRICTION and abs(about) > p[1] and about * rate < 0.0:
+            wanted, left = (-p[0] / p[1] * rate, 0.0, p[0] / p[1], 0.0, 0.0), np.nan
+        else:
+            left = rate
+        depths = np.zeros(len(law.edges))
+        found = compiled(law.address, p, amplitude, s, rate, about, depths)
+        np.testing.assert_allclose(found, [*wanted, left], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(law.evaluate(p, s, rate, amplitude, about), found, rtol=1e-15, atol=1e-15)
+        np.testing.assert_array_equal(law.depths(p, s), depths)
+        of_c = evaluated_in_c(in_c, law, p, amplitude, s, rate, about)
+        np.testing.assert_allclose(of_c, [*found[:3], found[5], *depths], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_derivatives_of_a_law(name: str) -> None:
+    law, parameters, amplitude, s, rate = STATES[name]
+    found = law.evaluate(parameters, s, rate, amplitude)
+
+    def slope(at: Callable[[float], float]) -> float:
+        return (at(STEP) - at(-STEP)) / (2 * STEP)
+
+    # the stop's stiffness of 50 times the round-off over the step
+    close = {"rel": 0, "abs": 50 * ATOL}
+    force_of = law.evaluate
+    assert found.stiffness == pytest.approx(-slope(lambda h: force_of(parameters, s + h, rate, amplitude)[0]), **close)
+    assert found.damping == pytest.approx(-slope(lambda h: force_of(parameters, s, rate + h, amplitude)[0]), **close)
+    assert found.elastic == pytest.approx(-slope(lambda h: law.evaluate(parameters, s + h).stored), **close)
+    slopes, p = np.zeros(len(parameters) + 1), np.array(parameters)
+    compiled_slopes(law.address_of_slopes, p, amplitude, s, rate, slopes)
+    for k, unit in enumerate(np.eye(p.size)):
+        assert slopes[k] == pytest.approx(slope(lambda h: law.evaluate(p + h * unit, s, rate, amplitude)[0]), **close)
+    assert slopes[-1] == pytest.approx(slope(lambda h: law.evaluate(p, s, rate, amplitude + h)[0]), **close)
+    for number in range(len(law.edges)):
+        first, second, own = law.edge_slopes(number, parameters, s)
+        assert first == pytest.approx(slope(lambda h: law.depths(p, s + h)[number]), **close) and second == 0.0
+        for k, unit in enumerate(np.eye(p.size)):
+            assert own[k] == pytest.approx(slope(lambda h: law.depths(p + h * unit, s)[number]), **close)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_what_is_not_elastic_takes_energy_unless_it_is_a_source(name: str) -> None:
+    law, parameters, amplitude, s, rate = STATES[name]
+    found = law.evaluate(parameters, s, rate, amplitude)
+    assert found.stored >= 0.0
+    if law is not SOURCE:
+        assert (found.force - found.elastic) * rate <= 0.0
+
+
+def test_the_table_of_laws_in_the_docs() -> None:
+    lines = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8").splitlines()
+    for law in (one for one in FOUND if one is not FREE_PLAY):
+        edges = "".join(f" `{edge}`" for edge in law.edges)
+        parts = f"| `{law.name}` | {', '.join(law.parameters)} | `{law.force}` | `{law.potential}` |{edges} |"
+        assert parts in lines
+
+
+def test_a_stop_never_pulls() -> None:
+    speeds = np.linspace(-20.0, 20.0, 81)
+    assert all(STOP.evaluate(UPPER, 0.6, speed).force <= 0.0 for speed in speeds)
+    assert all(STOP.evaluate(LOWER, -0.6, speed).force >= 0.0 for speed in speeds)
+
+
+def test_three_quarters_of_friction_at_its_speed() -> None:
+    assert FRICTION.evaluate((2.0, 0.5), 0.0, 0.5).force == pytest.approx(-2.0 * 0.76, rel=3e-3)
+
+
+def test_which_laws_are_springs() -> None:
+    """Linear with a stiffness that is one of their parameters: that follows from the expression."""
+    assert [law.name for law in FOUND if law.linear_stiffness] == ["spring_damper"]
+    assert Law("line", ("a", "b"), "elastic", potential="b * s**2 / 2 + a * s").linear_stiffness == "b"
+    assert not Law("cubic", ("a",), "-a * (s + s**3)").linear_stiffness
+
+
+def test_edges_of_any_form_are_differentiated_twice() -> None:
+    bent = Law("bent", ("k", "r"), "elastic", "k * max(0, s**2 - r**2)**2", edges=("s**2 - r**2",))
+    first, second, own = bent.edge_slopes(0, (3.0, 0.5), 0.7)
+    assert (first, second) == pytest.approx((1.4, 2.0)) and own == pytest.approx([0.0, -1.0])
+
+
+def test_functions_and_cases() -> None:
+    law = Law("all", ("a",), "-a * (tanh(s) + atan(rate) + exp(-abs(s)) + sqrt(1 + s**2) + log(1 + s**2) + sin(s)"
+              " + cos(s) + min(s, rate) + max(s, rate)) if not (s > 0 and rate > 0 or s < -1) else 0")  # fmt: skip
+    s, rate = -0.4, 0.3
+    parts = np.tanh(s), np.arctan(rate), np.exp(s), np.sqrt(1 + s**2), np.log(1 + s**2), np.sin(s), np.cos(s), s, rate
+    assert law.evaluate((2.0,), s, rate).force == pytest.approx(-2.0 * sum(parts), rel=1e-14)
+    assert law.evaluate((2.0,), s=0.4, rate=0.3).force == law.evaluate((2.0,), s=-1.4, rate=0.3).force == 0.0
+    assert law.code.C.count("tanh") and "Heaviside" not in law.code.C
+
+
+BAD = {
+    "an undeclared name": ({"force": "-k * x"}, "'x', which is not declared"),
+    "no sentence": ({"force": "-k *"}, "is no expression"),
+    "no text": ({"edges": (lambda s: s,)}, r"edges\[0\].*is no expression \(write it as a text\)"),
+    "a statement": ({"force": "k = 3"}, "is no expression"),
+    "an attribute": ({"force": "s.real"}, r"has 's\.real'"),
+    "a call of what is no function": ({"force": "-k * open(s)"}, r"has 'open\(s\)'"),
+    "too many arguments": ({"force": "tanh(s, k)"}, r"has 'tanh\(s, k\)'"),
+    "a text in it": ({"force": "'k'"}, "has"),
+    "an edge with the rate": ({"edges": ("s - rate",)}, "'rate', which is not declared"),
+    "a potential with the rate": ({"potential": "rate"}, "'rate', which is not declared"),
+    "a speed with the measure": ({"about_zero": "s"}, "'s', which is not declared"),
+    "a name that is taken": ({"parameters": ("k", "s")}, "'s' is taken"),
+    "a name twice": ({"parameters": ("k", "k")}, "'k' is taken"),
+    "no name": ({"parameters": ("k", "2c")}, "'2c' is no name"),
+    "no name of a law": ({"name": "odd: law"}, "'odd: law' is no name"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_declaration_that_fails_is_named_with_its_file_and_line(name: str) -> None:
+    parts, message = BAD[name]
+    with pytest.raises(InputError, match=rf"test_effect_laws\.py:\d+: law odd: .*{message}"):
+        Law(**{"name": "odd", "parameters": ("k",), "force": "-k * s", **parts})
+
+
+@pytest.mark.parametrize("force", ["-k / s", "-k * log(rate)", "-k * exp(1000 * s)", "-k * sqrt(abs(s))"])
+def test_a_law_has_to_be_finite_with_its_derivatives(force: str) -> None:
+    with pytest.raises(InputError, match=r"test_effect_laws\.py:\d+: law odd: .* not finite at s = .*write cases"):
+        Law("odd", ("k",), force).code  # noqa: B018
+
+
+def test_an_action_gives_its_law_all_parameters() -> None:
+    ground = Attachment.on_ground_at(np.zeros(2))
+    with pytest.raises(InputError, match=r"effects\.rope: law stop .*k, c, place, side, and is given 1"):
+        Action("rope", distance(2), ground, ground, STOP, (Quantity(1.0),))
+
+
+PRINTED = "import sys; from pgmp_petsc.effects.laws import STOP; print(STOP.code.__file__, 'sympy' in sys.modules)"
+
+
+def printing(folder: Path) -> subprocess.Popen:
+    environment = {"NUMBA_CACHE_DIR": str(folder), "PATH": "", "PYTHONPATH": ":".join(sys.path)}
+    return subprocess.Popen([sys.executable, "-c", PRINTED], env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
+    both = [printing(tmp_path) for _ in range(2)]
+    (path, _), _ = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
+    assert Path(path).parent == tmp_path and [part.name for part in tmp_path.glob("pgmp_printed_stop*.py")] == [Path(path).name]
+    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "False"], "sympy is for printing alone"
+    Path(path).write_text(Path(path).read_text()[:200])
+    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "True"]

@@ -1,0 +1,186 @@
+"""Outputs of samples over time: extremes, first passages, and the instants of bands, against motions that are known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.ensemble import watchers
+from pgmp_petsc.ensemble.description import over_time_remarks
+from pgmp_petsc.ensemble.statistics import in_words
+from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
+from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.status import Status
+
+STEP, N_STEPS, N = 0.01, 100, 5
+SIZES = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
+EVENTS = {
+    "high": {"output": "y", "above": 0.9, "when": "ever"},
+    "low": {"output": "y", "below": -2.5, "when": "ever"},
+    "begun": {"output": "y", "above": -1.0, "when": "ever"},
+}
+
+
+class Model:
+    """A model whose only output is what its state holds."""
+
+    def __init__(self, **asked: object) -> None:
+        self.scene = SimpleNamespace(
+            ensemble=Ensemble.model_validate(asked), simulation=Simulation(duration=STEP * N_STEPS, step=STEP)
+        )
+        self.outputs = SimpleNamespace(functions={"y": None}, evaluate=lambda observed: {"y": observed[0]})
+
+    def observed(self, system: object, state: State) -> np.ndarray:
+        return state.q.reshape(1, -1)
+
+
+class Reduced(Model, ReducedModel):
+    """The same of a model whose outputs follow from coordinates: its states wait for others."""
+
+    def observed_of(self, eta: np.ndarray, values: object, v: np.ndarray) -> np.ndarray:
+        return eta.reshape(1, -1)
+
+
+def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at_once: int = 0) -> dict:
+    """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, shown one by one or many at once."""
+    watcher = OverTimeWatcher(model, with_bands=True)
+    simulation = model.scene.simulation.model_copy(update={"step": STEP / divisor})
+    samples = np.arange(N)
+    watch = watcher.watch(Begun(SimpleNamespace(n_samples=N, values={}), {}, samples, simulation))
+    numbers = np.arange(N_STEPS * divisor + 1)
+    numbers = numbers[(numbers % watch.every == 0) | (numbers == numbers[-1])]
+    times = numbers * STEP / divisor
+    q = SIZES * np.sin(2.0 * np.pi * times)[:, None]
+    trail = np.repeat(q[:, None, :, None], 3, axis=1)
+    watch.observer(0, 0.0, State(*trail[0], np.zeros(0)))
+    if at_once:
+        for first in range(1, times.size, at_once):
+            some = slice(first, first + at_once)
+            watch.observer.over(numbers[some], times[some], trail[some])
+    else:
+        for number, time, parts in zip(numbers[1:], times[1:], trail[1:]):
+            watch.observer(int(number), float(time), State(*parts, np.zeros(0)))
+    found = watch.found(np.zeros(N, dtype=int) if status is None else status)
+    empty = watcher.empty(N)
+    assert {kind: arrays.keys() for kind, arrays in found.items()} == {k: arrays.keys() for k, arrays in empty.items()}
+    assert all(values.shape == empty[kind][name].shape for kind, a in found.items() for name, values in a.items())
+    return found
+
+
+def test_extremes_are_those_of_the_motion() -> None:
+    found = watched(Model(extremes=True))["extremes"]
+    np.testing.assert_allclose(found["y/max"], SIZES, rtol=1e-12)
+    np.testing.assert_allclose(found["y/min"], -SIZES, rtol=1e-12)
+    np.testing.assert_allclose(found["y/time_of_max"], 0.25, rtol=1e-12)
+    np.testing.assert_allclose(found["y/time_of_min"], 0.75, rtol=1e-12)
+
+
+def test_first_passages_are_where_the_motion_crosses_the_level() -> None:
+    found = watched(Model(probabilities=EVENTS))["first_passages"]
+    high = np.arcsin(np.minimum(0.9 / SIZES, 1.0)) / (2.0 * np.pi)
+    np.testing.assert_array_equal(np.isnan(found["high"]), SIZES < 0.9)
+    # linear within a step: an eighth of the square of the step times curvature over slope, 2 pi tan(2 pi t)
+    reach = 2.0 * np.pi * np.tan(2.0 * np.pi * high[1:]) * STEP**2 / 8.0
+    assert np.all(np.abs(found["high"][1:] - high[1:]) <= 1.5 * reach)
+    np.testing.assert_array_equal(np.isnan(found["low"]), SIZES <= 2.5)
+    np.testing.assert_array_equal(found["begun"], 0.0)
+
+
+def test_bands_take_start_end_and_instants_between() -> None:
+    for most, steps in (
+        (2, [0, 100]),
+        (5, [0, 25, 50, 75, 100]),
+        (4, [0, 34, 68, 100]),
+        (101, range(101)),
+        (500, range(101)),
+    ):
+        np.testing.assert_array_equal(band_steps(Model().scene.simulation, most), steps)
+    assert band_steps(Model().scene.simulation, 0).size == 0
+    found = watched(Model(bands=5))
+    assert found["extremes"] == found["first_passages"] == {}
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_allclose(found["bands"]["y"], SIZES[:, None] * np.sin(2.0 * np.pi * times), atol=1e-14)
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 50])
+@pytest.mark.parametrize("divisor", [1, 4])
+def test_steps_shown_together_and_smaller_ones_change_nothing(at_once: int, divisor: int) -> None:
+    asked = {"extremes": True, "probabilities": EVENTS, "bands": 5}
+    alone, together = watched(Model(**asked), divisor), watched(Model(**asked), divisor, at_once=at_once)
+    for kind, arrays in alone.items():
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(together[kind][name], values)
+    np.testing.assert_allclose(alone["bands"]["y"], watched(Model(bands=5))["bands"]["y"], atol=1e-12)
+    quiet = Model(bands=5)
+    np.testing.assert_array_equal(
+        watched(quiet, divisor, at_once=at_once)["bands"]["y"], watched(quiet, divisor)["bands"]["y"]
+    )
+
+
+def test_a_sample_that_failed_has_none() -> None:
+    status = np.where(np.arange(N) == 2, Status.NOT_CONVERGED, Status.FINE)
+    found = watched(Model(extremes=True, probabilities=EVENTS, bands=5), status=status)
+    for arrays in found.values():
+        for values in arrays.values():
+            assert np.isnan(values[2]).all()
+            np.testing.assert_array_equal(np.isfinite(values[3]).all(), True)
+
+
+def test_an_output_that_was_no_number_has_no_extremes() -> None:
+    model = Model(extremes=True)
+    model.outputs.evaluate = lambda observed: {"y": np.where(np.arange(N) == 1, np.sqrt(observed[0]), observed[0])}
+    with np.errstate(invalid="ignore"):
+        found = watched(model)["extremes"]
+    assert np.isnan(found["y/max"][1]) and np.isnan(found["y/time_of_min"][1]) and np.isfinite(found["y/max"][0])
+
+
+def test_a_passage_out_of_no_number_is_where_the_number_is() -> None:
+    model = Model(probabilities=EVENTS)
+    model.outputs.evaluate = lambda observed: {"y": np.where(observed[0] < 1.5, np.nan, observed[0])}
+    found = watched(model)["first_passages"]["high"]
+    assert np.isnan(found[:2]).all()
+    # the first step whose end lies above 1.5
+    times = np.arange(N_STEPS + 1) * STEP
+    expected = [times[np.argmax(size * np.sin(2.0 * np.pi * times) >= 1.5)] for size in SIZES[2:]]
+    np.testing.assert_allclose(found[2:], expected, rtol=1e-12)
+
+
+def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
+    assert not OverTimeWatcher(Model(bands=0), with_bands=True).is_asked
+    assert not OverTimeWatcher(Model(), with_bands=False).is_asked
+    assert OverTimeWatcher(Model(extremes=True), with_bands=False).is_asked
+    assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(
+        Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
+    ).every == 25  # fmt: skip
+
+
+def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
+    known = {"extremes": ["y/max", "y/min", "z/max", "z/min"], "first_passages": ["late", "soon"]}
+    counts = {"y.max": 9, "z.max": 10, "late": 4, "soon": 10}
+    passages, extremes = over_time_remarks(counts, known, 10)
+    assert "first passages of late are described over the 4 of 10 samples that have one" in passages.text
+    assert "extremes of y are not known of 1 of 10 samples that are fine" in extremes.text
+
+
+def test_events_are_said_in_words() -> None:
+    assert in_words(Event(output="y", above=0.5), "m") == "y above 0.5 m at the end"
+    assert in_words(Event(output="y", below=-2.0, when="ever"), "1") == "y below -2 at any time"
+
+
+@pytest.mark.parametrize("at_once", [0, 1, 7, 50])
+@pytest.mark.parametrize("most", [1, 12, 1 << 16])
+@pytest.mark.parametrize("always", [False, True])
+def test_states_that_wait_for_others_change_nothing(
+    monkeypatch: pytest.MonkeyPatch, at_once: int, most: int, always: bool
+) -> None:
+    """Whether none waits, some, or all until the end."""
+    monkeypatch.setattr(watchers, "LARGEST", most)
+    asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})
+    alone, together = watched(Model(**asked)), watched(Reduced(**asked), at_once=at_once)
+    for kind, arrays in alone.items():
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(together[kind][name], values)

@@ -1,0 +1,363 @@
+"""The reduced equations for two rigid coordinates, with made-up tables: against their Lagrangian, and in motion."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.reduced import energy as reduced_energy_module
+from pgmp_petsc.reduced.arrays import Layout
+from pgmp_petsc.reduced.energy import reduced_energy
+from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms, coupling_of, pack, pack_cubic, pack_skew
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.second_order_system import Scheme, State
+
+N_THETA, N_DELTA = 2, 3
+N_ETA = N_THETA + N_DELTA
+UNIT = Monomial(())
+GRID = SampleGrid((Samples.uniform(0.0, 2 * np.pi, 20, True), Samples.uniform(-1.0, 1.5, 14, False)))
+
+
+class Pull:
+    """An effect with a constant amplitude."""
+
+    name = "pull"
+
+    def amplitude(self, time: float) -> float:
+        return 1.3
+
+
+def wave(theta: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    """Return smooth functions of (theta_1, theta_2) with random phases, shape (n, *shape)."""
+    random = np.random.default_rng(seed)
+    phase, other = random.uniform(0.0, 6.0, (2, *shape))
+    x, y = theta.T.reshape(2, -1, *(1,) * len(shape))
+    return np.sin(x + phase) * np.cos(0.7 * y + other) + 0.4 * np.cos(2 * x - y + phase)
+
+
+def symmetric(matrices: np.ndarray) -> np.ndarray:
+    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
+
+
+def made_up(theta: np.ndarray) -> dict[str, np.ndarray]:
+    """Return mass, inertia, stiffness and load at configurations theta (n, 2), one term each."""
+    mass = 0.1 * symmetric(wave(theta, (1, N_ETA, N_ETA), 1)) + np.diag([2.0, 1.5, 1.0, 1.0, 1.0])
+    inertia = np.moveaxis(symmetric(wave(theta, (1, N_DELTA, 2, 2), 2)), 2, -1)
+    stiffness = symmetric(wave(theta, (1, N_DELTA, N_DELTA), 3)) + np.diag([40.0, 90.0, 150.0])
+    return {"mass": mass, "inertia": inertia, "stiffness": stiffness, "load": wave(theta, (1, N_ETA), 4)}
+
+
+def of_second_order(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return V, c_kl (k >= l), A_k and B at configurations, one term each."""
+    cubic = wave(theta, (1, N_DELTA, N_DELTA, N_DELTA), 5)
+    cubic = sum(cubic.transpose(0, 1, *(2 + np.array(order))) for order in itertools.permutations(range(3)))
+    swing = symmetric(wave(theta, (1, 3, N_DELTA, N_DELTA), 6))
+    skew = wave(theta, (1, 2, N_DELTA, N_DELTA), 7)
+    return cubic, swing, skew - np.swapaxes(skew, -1, -2), symmetric(wave(theta, (1, N_DELTA, N_DELTA), 8))
+
+
+def terms_of(
+    grid: SampleGrid = GRID, quadratic: bool = True, damping: float = 0.0, mass: float = 0.0, second: bool = False
+) -> ReducedTerms:
+    """Return interpolated terms; the rigid inertia is the table's own, on its grid."""
+    found = made_up(grid.theta)
+    tables = ReducedTables(grid, (UNIT,), (UNIT,), (UNIT,), ("pull",), **found)
+    coupling = coupling_of(tables, "spline")
+    n, load = grid.n, tables.load
+    parts = [pack(tables.mass), coupling, pack(tables.stiffness)]
+    if second:
+        cubic, swing, skew, bent = of_second_order(grid.theta)
+        parts += [pack_cubic(cubic), pack(swing).reshape(n, 1, -1), pack_skew(skew).reshape(n, 1, -1)]
+        load = np.concatenate([load, pack(bent)], axis=2)
+    else:
+        parts += [np.zeros((n, 1, 0))] * 3
+    ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
+    if damping:
+        parts.append(damping * parts[0])
+    end = sum(part.shape[2] for part in parts)
+    return ReducedTerms(
+        tables=tables,
+        weights=(UNIT,),
+        rigid=interpolant(grid, pack(tables.mass[:, :, :2, :2]), "spline"),
+        terms=interpolant(grid, np.concatenate(parts, axis=2), "spline"),
+        layout=Layout((0, 1), N_ETA, *ends, end, load.shape[2], quadratic),
+        load=interpolant(grid, load, "spline"),
+        scale=np.ones(N_ETA),
+        damping=ReducedDamping("damper", mass, (UNIT,), damping * tables.mass),
+    )
+
+
+def system_of(terms: ReducedTerms, n: int = 1, start=(0.3, 0.2), speed=(0.0, 0.0), **given: object) -> ReducedSystem:
+    return ReducedSystem(terms, [Pull()], {}, (np.array(start), np.array(speed)), n, **given)
+
+
+class Lagrangian:
+    """The Lagrangian of the interpolated tables, without the work of the loads on the rigid coordinates."""
+
+    def __init__(self, terms: ReducedTerms) -> None:
+        self._terms = terms
+
+    def parts(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return mass, b (2, 2, n_delta), stiffness, load, and V, c (2, 2, ...), A (2, ...) and B at one theta."""
+        layout, m = self._terms.layout, N_DELTA
+        entries = self._terms.terms(theta[None])[0, 0].copy()
+        entries[: layout.n_rigid] = self._terms.rigid(theta[None])[0, 0]
+        mass, coupling, stiffness, cubic, swing, skew, _ = np.split(entries, layout[2:8])
+        pairs = np.array([[0, 1], [1, 2]])
+        load, bent = np.split(1.3 * self._terms.load(theta[None])[0, 0], [N_ETA])
+        if not layout.second_order:
+            second = np.zeros((m, m, m)), np.zeros((2, 2, m, m)), np.zeros((2, m, m)), np.zeros((m, m))
+        else:
+            c = np.array([whole(part) for part in swing.reshape(3, -1)])[pairs]
+            second = whole_cubic(cubic), c, np.array([whole_skew(a) for a in skew.reshape(2, -1)]), whole(bent)
+        return whole(mass), coupling.reshape(3, m)[pairs], whole(stiffness), load, *second
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """Return the mass of eta' in a deformed state."""
+        mass, b, _, _, _, c, skew, _ = self.parts(q[:2])
+        mass, delta = mass.copy(), q[2:]
+        mass[:2, :2] += 2.0 * b @ delta - np.einsum("klij,i,j", c, delta, delta)
+        across = np.einsum("kij,i->kj", skew, delta)
+        mass[:2, 2:] += across
+        mass[2:, :2] += across.T
+        return mass
+
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> float:
+        _, _, stiffness, load, cubic, _, _, bent = self.parts(q[:2])
+        delta = q[2:]
+        strain = 0.5 * delta @ stiffness @ delta + np.einsum("ijk,i,j,k", cubic, delta, delta, delta) / 6.0
+        return 0.5 * v @ self.inertia(q) @ v - strain + load[2:] @ delta + 0.5 * delta @ bent @ delta
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return self.inertia(q) @ v
+
+
+def whole(entries: np.ndarray) -> np.ndarray:
+    n = int(np.sqrt(2 * entries.size))
+    matrix = np.zeros((n, n))
+    i, j = np.tril_indices(n)
+    matrix[i, j] = matrix[j, i] = entries
+    return matrix
+
+
+def whole_cubic(entries: np.ndarray) -> np.ndarray:
+    tensor = np.empty((N_DELTA,) * 3)
+    i, j, k = np.indices(tensor.shape).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    for order in itertools.permutations((i[chosen], j[chosen], k[chosen])):
+        tensor[order] = entries
+    return tensor
+
+
+def whole_skew(entries: np.ndarray) -> np.ndarray:
+    matrix = np.zeros((N_DELTA, N_DELTA))
+    matrix[np.tril_indices(N_DELTA, -1)] = entries
+    return matrix - matrix.T
+
+
+def anywhere(n: int, seed: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states inside cells of the grid."""
+    random = np.random.default_rng(seed)
+    q, v, a = random.normal(size=(3, n, N_ETA))
+    q[:, 2:] *= 0.3
+    cells = random.integers(0, 12, (n, 2)) + random.uniform(0.2, 0.8, (n, 2))
+    q[:, :2] = [0.0, -1.0] + cells * [2 * np.pi / 20, 2.5 / 13]
+    return q, v, a
+
+
+@pytest.mark.parametrize("second", [False, True], ids=["first order", "second order"])
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_the_residual_is_that_of_the_lagrangian(quadratic: bool, second: bool) -> None:
+    """``d/dt dL/dv - dL/dq - Q_theta`` by central differences along the motion that q, v and a begin."""
+    terms = terms_of(quadratic=quadratic, second=second)
+    lagrangian = Lagrangian(terms)
+    q, v, a = anywhere(5)
+    found = system_of(terms, 5).residual(0.0, State(q, v, a, np.zeros(0)))
+    if not quadratic:
+        # at rest there is nothing to leave out
+        v = np.zeros_like(v)
+    h = 1e-4
+    for k in range(5):
+        moved = [lagrangian.momentum(q[k] + v[k] * t + 0.5 * a[k] * t**2, v[k] + a[k] * t) for t in (h, -h)]
+        gradient = [(lagrangian(q[k] + h * e, v[k]) - lagrangian(q[k] - h * e, v[k])) / (2 * h) for e in np.eye(N_ETA)]
+        expected = (moved[0] - moved[1]) / (2 * h) - gradient
+        expected[:2] -= lagrangian.parts(q[k, :2])[3][:2]
+        np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_damping_takes_its_share_of_the_momentum() -> None:
+    terms = terms_of()
+    q, v, a = anywhere(4)
+    state = State(q, v, a, np.zeros(0))
+    plain = system_of(terms, 4).residual(0.0, state)
+    damped = system_of(terms_of(mass=0.5), 4).residual(0.0, state)
+    momenta = np.array([Lagrangian(terms).momentum(x, y) for x, y in zip(q, v)])
+    # the rigid inertia's polynomials of degree 7 keep twelve digits of a residual below 100
+    np.testing.assert_allclose(damped - plain, 0.5 * momenta, rtol=0, atol=1e-10)
+    terms = terms_of(damping=0.1)
+    structural = system_of(terms, 4).residual(0.0, state) - plain
+    mass = np.array([whole(terms.terms(x[None, :2])[0, 0, terms.layout.damping :]) for x in q])
+    np.testing.assert_allclose(structural, np.einsum("nij,nj->ni", mass, v), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"damping": 0.01, "mass": 0.3}, {"quadratic": False}, {"second": True}],
+    ids=["all", "structural damping", "slow", "second order"],
+)
+def test_newton_converges_at_once(settings: dict) -> None:
+    """The correction's own residual falls by what the matrix leaves out: second derivatives, of order step squared.
+
+    Of second order that is what one refinement leaves of the gyroscopic part too: the square of 2 %, its size beside
+    gain_v here. Deformations are then so small that their cubic energy is beside the point.
+    """
+    first, then = (1e-3, 1e-6) if "second" in settings else (1e-4, 1e-8)
+    terms = terms_of(**settings)
+    q, v, a = anywhere(4)
+    if "second" in settings:
+        q[:, 2:] *= 0.1
+    system = system_of(terms, 4)
+    scheme = Scheme.of(0.8, 2e-3)
+    state = State(q, v, a, np.zeros(0))
+    before = np.abs(system.residual(0.0, state)).max()
+    system.correct(0.0, state, scheme, np.ones(4, dtype=bool), True)
+    assert np.abs(system.residual(0.0, state)).max() < first * before
+    system.correct(0.0, state, scheme, np.ones(4, dtype=bool), True)
+    assert np.abs(system.residual(0.0, state)).max() < then * before
+
+
+def simulate(
+    system: ReducedSystem, duration: float, step: float, radius: float = 1.0
+) -> tuple[Run, list[State], list[float]]:
+    states, times = [], []
+
+    def record(number: int, time: float, state: State) -> None:
+        states.append(state.copy())
+        times.append(time)
+
+    simulation = SimpleNamespace(duration=duration, step=step, spectral_radius=radius)
+    return integrate(system, simulation, observer=record), states, times
+
+
+def energies(terms: ReducedTerms, states: list[State]) -> np.ndarray:
+    q, v = (np.array([getattr(state, name)[0] for state in states]) for name in "qv")
+    kinetic, strain = reduced_energy(terms, {}, q, v)
+    work = np.einsum("ni,ni->n", 1.3 * terms.load(q[:, :2])[:, 0, 2:], q[:, 2:])
+    return kinetic + strain - work
+
+
+def test_forms_are_those_of_the_full_tensors() -> None:
+    """Packed symmetric matrices and tensors behind other entries, against sums over all indices."""
+    rng, m = np.random.default_rng(3), 4
+    x, entries = rng.normal(size=(5, m)), rng.normal(size=(5, 40))
+    matrix, tensor = np.zeros((5, m, m)), np.zeros((5, m, m, m))
+    for i, j, k in itertools.product(range(m), repeat=3):
+        i, j, k = sorted((i, j, k), reverse=True)
+        for a, b, c in itertools.permutations((i, j, k)):
+            tensor[:, a, b, c] = entries[:, 7 + i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
+        matrix[:, i, j] = matrix[:, j, i] = entries[:, 3 + i * (i + 1) // 2 + j]
+    found = reduced_energy_module._form(entries, 3, x), reduced_energy_module._cubic_form(entries, 7, x)  # noqa: SLF001
+    np.testing.assert_allclose(found[0], np.einsum("nij,ni,nj->n", matrix, x, x), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[1], np.einsum("nijk,ni,nj,nk->n", tensor, x, x, x), rtol=1e-12, atol=1e-12)
+
+
+def test_energy_is_conserved_over_a_long_run() -> None:
+    """Without loads on the rigid coordinates; both turn, and the second one stays in its range."""
+    terms = terms_of()
+    load = terms.tables.load.copy()
+    load[:, :, :2] = 0.0
+    terms = ReducedTerms(**{**terms.__dict__, "load": interpolant(GRID, load, "spline")})
+    drifts = []
+    for step in (2e-3, 1e-3):
+        run, states, _ = simulate(system_of(terms, speed=(2.0, 0.03)), 4.0, step)
+        assert run.status[0] == 0
+        total = energies(terms, states)
+        drifts.append(np.abs(total - total[0]).max() / np.abs(total[0]))
+        assert np.ptp([state.q[0, 0] for state in states]) > 5.0
+    assert drifts[1] < 1e-4 and drifts[0] / drifts[1] > 3.0
+
+
+def test_the_motion_is_that_of_the_exact_lagrangian() -> None:
+    """Against scipy's solver with the analytic functions themselves, by differences of their Lagrangian."""
+    from scipy.integrate import solve_ivp
+
+    fine = SampleGrid((Samples.uniform(0.0, 2 * np.pi, 64, True), Samples.uniform(-1.0, 1.5, 40, False)))
+    terms = terms_of(fine)
+    (q,), (v,) = np.array([[0.3, 0.2, 0.0, 0.0, 0.0]]), np.array([[1.0, -0.2, 0.0, 0.0, 0.0]])
+    h = 1e-3
+
+    def exact(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        at = made_up(np.array([theta, *(theta + s * h * e for e in np.eye(2) for s in (1, -1))]))
+        mass, inertia = at["mass"][:, 0], at["inertia"][0, 0]
+        slopes = [(mass[1 + 2 * k] - mass[2 + 2 * k]) / (2 * h) for k in (0, 1)]
+        b = np.array([[0.5 * (slopes[j][k, 2:] + slopes[k][j, 2:]) - inertia[k, j] for j in (0, 1)] for k in (0, 1)])
+        return mass[0], b, at["stiffness"][0, 0], 1.3 * at["load"][0, 0]
+
+    def value(q: np.ndarray, v: np.ndarray) -> float:
+        mass, b, stiffness, load = exact(q[:2])
+        kinetic = 0.5 * v @ mass @ v + np.einsum("k,l,kli,i", v[:2], v[:2], b, q[2:])
+        return kinetic - 0.5 * q[2:] @ stiffness @ q[2:] + load[2:] @ q[2:]
+
+    def inertia(q: np.ndarray) -> np.ndarray:
+        mass, b, *_ = exact(q[:2])
+        mass = mass.copy()
+        mass[:2, :2] += 2.0 * b @ q[2:]
+        return mass
+
+    def rate(_: float, y: np.ndarray) -> np.ndarray:
+        q, v = np.split(y, 2)
+        gradient = np.array([(value(q + h * e, v) - value(q - h * e, v)) / (2 * h) for e in np.eye(N_ETA)])
+        turning = (inertia(q + h * v) - inertia(q - h * v)) / (2 * h) @ v
+        force = gradient - turning
+        force[:2] += exact(q[:2])[3][:2]
+        return np.concatenate([v, np.linalg.solve(inertia(q), force)])
+
+    expected = solve_ivp(rate, (0.0, 0.5), np.concatenate([q, v]), rtol=1e-8, atol=1e-9).y[:, -1]
+    run, _, _ = simulate(system_of(terms, start=q[:2], speed=v[:2]), 0.5, 2.5e-4)
+    # differences of h^2 = 1e-6, and steps of 2.5e-4 beside a period of 0.5 s
+    np.testing.assert_allclose(run.state.q[0], expected[:N_ETA], rtol=0, atol=5e-6)
+    np.testing.assert_allclose(run.state.v[0], expected[N_ETA:], rtol=0, atol=5e-5)
+
+
+class Turning:
+    """theta(t) = 0.2 + 0.5 (1 - cos 3 t)."""
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        return 0.2 + 0.5 * (1 - np.cos(3 * time)), 1.5 * np.sin(3 * time), 4.5 * np.cos(3 * time)
+
+
+def test_a_prescribed_coordinate_moves_as_it_is_told_and_its_drive_does_the_work() -> None:
+    terms = terms_of()
+    load = terms.tables.load.copy()
+    load[:, :, :2] = 0.0
+    terms = ReducedTerms(**{**terms.__dict__, "load": interpolant(GRID, load, "spline")})
+    system = system_of(terms, speed=(1.0, 0.0), motions={1: Turning()})
+    run, states, times = simulate(system, 1.5, 5e-4)
+    assert run.status[0] == 0
+    for state, time in zip(states, times):
+        found = (state.q[0, 1], state.v[0, 1], state.a[0, 1])
+        np.testing.assert_allclose(found, Turning().at(time), rtol=0, atol=1e-14)
+    residuals = np.array([system.residual(time, state)[0] for state, time in zip(states, times)])
+    free = [0, 2, 3, 4]
+    assert np.abs(residuals[:, free]).max() < 1e-6 * np.abs(residuals[:, 1]).max()
+    power = residuals[:, 1] * [state.v[0, 1] for state in states]
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(times))])
+    gained = energies(terms, states)
+    gained -= gained[0]
+    assert np.ptp(gained) > 1.0
+    np.testing.assert_allclose(gained, work, rtol=0, atol=1e-4 * np.ptp(gained))
+
+
+def test_samples_beyond_the_range_are_outside() -> None:
+    system = system_of(terms_of(), 3)
+    q = np.zeros((3, N_ETA))
+    q[:, :2] = [[9.0, 0.0], [0.0, 1.6], [0.0, -1.0]]
+    np.testing.assert_array_equal(system.outside(State(q, q, q, np.zeros(0))), [False, True, False])

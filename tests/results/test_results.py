@@ -1,0 +1,180 @@
+"""Results survive their files, and refuse shapes that do not fit together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import synthetic
+from every_result import LISTINGS, PARTS, RESULTS, listing
+from sealed import resealed
+from synthetic import assert_same
+
+from pgmp_petsc import results
+from pgmp_petsc.results import Ensemble, Frames, Trajectory
+from pgmp_petsc.runtime.errors import InputError
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_files_are_as_they_were_and_come_back(name: str, tmp_path: Path) -> None:
+    """A listing changes only where a file is to change."""
+    result = RESULTS[name]()
+    result.write(tmp_path / "f.h5")
+    assert listing(tmp_path / "f.h5") == (LISTINGS / f"{name}.txt").read_text()
+    with type(result).opened(tmp_path / "f.h5") as again:
+        assert_same(again, result)
+
+
+def test_parts_of_reduced_models_are_as_they_were_and_come_back(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        for part in PARTS:
+            assert type(part).found_in(file) is None
+            part.put(file)
+        file.flush()  # readers look at how large the file is
+        for part in PARTS:
+            assert_same(type(part).found_in(file), part)
+    assert listing(tmp_path / "f.h5") == (LISTINGS / "parts.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        synthetic.trajectory("full"),
+        synthetic.trajectory("reduced", n_frames=0),
+        synthetic.ensemble("full", 100),
+        synthetic.ensemble("reduced", 50, n_failed=0),
+        synthetic.described(),
+        synthetic.rare_event(),
+        synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
+    ],
+    ids=["full", "reduced", "full ensemble", "reduced ensemble", "described ensemble", "rare event", "short trade-off"],
+)
+def test_round_trip(result, tmp_path):
+    result.write(tmp_path / "f.h5")
+    assert_same(type(result).read(tmp_path / "f.h5"), result)
+
+
+def test_outputs_keep_the_order_of_the_scene(tmp_path):
+    run = synthetic.trajectory()
+    run.write(tmp_path / "f.h5")
+    assert list(Trajectory.read(tmp_path / "f.h5").outputs) == list(run.outputs)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "small"}, "model is 'small'; allowed: full, components, reduced"),
+        ({"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(time\)"),
+        ({"outputs": {"a": np.zeros(5)}}, r"outputs 'a' has shape \(5,\); needed: \(time: 1001\)"),
+        ({"coordinates": np.zeros(1001)}, r"coordinates has shape"),
+        ({"modal": np.zeros((5, 2))}, r"modal has shape"),
+    ],
+)
+def test_a_trajectory_that_does_not_fit_together(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(synthetic.trajectory(), **change)
+
+
+def test_frames_that_do_not_fit_together():
+    frames = synthetic.frames(np.linspace(0.0, 1.0, 4))
+    with pytest.raises(ValueError, match="name different bodies"):
+        replace(frames, cells={})
+    with pytest.raises(ValueError, match="rigid bodies of frames are none of theirs: flywheel"):
+        replace(frames, rigid=frozenset({"flywheel"}))
+    with pytest.raises(ValueError, match="positions of 'crank' has shape"):
+        Frames(frames.time[:3], frames.positions, frames.rotations, frames.nodes, frames.cells)
+
+
+def test_an_ensemble_that_does_not_fit_together():
+    ensemble = synthetic.ensemble(n_samples=10)
+    with pytest.raises(ValueError, match=r"status \[2\] has no meaning; known: \[0\]"):
+        replace(ensemble, meanings={0: "fine"})
+    with pytest.raises(ValueError, match=r"outputs 'crank_angle' has shape \(10,\); needed: \(sample: 4\)"):
+        replace(ensemble, parameters={"r1": np.zeros(4)})
+    with pytest.raises(ValueError, match="edges has shape"):
+        replace(synthetic.statistics(np.arange(9.0)), edges=np.zeros(3))
+
+
+def test_statistics_of_nothing_have_no_bins():
+    empty = np.array([])
+    statistics = replace(synthetic.statistics(np.arange(9.0)), pdf=empty, edges=empty)
+    assert statistics.edges.shape == (0,)
+
+
+def test_modes_that_do_not_fit_together():
+    with pytest.raises(ValueError, match="full_hz has shape"):
+        replace(synthetic.modes_table(), theta=np.zeros(7))
+
+
+@pytest.mark.parametrize(
+    ("result", "dataset"),
+    [
+        (synthetic.trajectory(n_frames=2), "time"),
+        (synthetic.trajectory(n_frames=2), "frames/points/00001"),
+        (synthetic.trajectory(n_frames=2), "mesh/body"),
+        (synthetic.trajectory(n_frames=2), "state/coordinates"),
+        (synthetic.ensemble(n_samples=9), "status"),
+        (synthetic.ensemble(n_samples=9), "statistics/crank_angle/edges"),
+        (synthetic.modes_table(), "full/frequencies_hz"),
+        (synthetic.modes_table(), "theta"),
+    ],
+)
+def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
+    result.write(tmp_path / "f.h5")
+    with resealed(tmp_path / "f.h5") as file:
+        del file[dataset]
+    with pytest.raises(InputError, match="f.h5'"):
+        type(result).read(tmp_path / "f.h5")
+
+
+def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
+    synthetic.ensemble(n_samples=9).write(tmp_path / "f.h5")
+    with resealed(tmp_path / "f.h5") as file:
+        del file["outputs/crank_angle"]
+        file["outputs/crank_angle"] = np.zeros(5)
+        file["outputs/crank_angle"].attrs["unit"] = "rad"
+    with pytest.raises(InputError, match=r"damaged: outputs 'crank_angle' has shape \(5,\); needed: \(sample: 9\)"):
+        Ensemble.read(tmp_path / "f.h5")
+
+
+def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
+    for name in results.__all__:
+        assert getattr(results, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
+        _ = results.Trajectories
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "message"),
+    [
+        ("design", "goal", np.zeros(5), r"goal has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "curve/probability", np.zeros(5), r"curve/probability has shape \(5,\); needed: \(2\)"),
+        ("rare_event", "parameters/r1", np.zeros(5), r"parameters 'r1' has shape \(5,\); needed: \(sample: 6\)"),
+        ("ensemble", "corrected/crank_angle/mean_alone_interval", None, "mean_alone_interval' is missing"),
+        ("ensemble", "sobol/crank_angle/ST", None, "total Sobol indices and their intervals go together"),
+        (
+            "ensemble",
+            "kept/unstable_start",
+            np.zeros(5),
+            r"kept 'unstable_start' has shape \(5,\); needed: \(sample: 12",
+        ),
+        ("ensemble", "bands/crank_angle/mean", np.zeros(5), r"mean has shape \(5,\); needed: \(time: 21\)"),
+        ("trajectory", "fields/bar/points/00001", None, r"deformation has shape \(3, 13, 2\); needed: \(frame: 2"),
+        ("trajectory", "fields/bar/at_cells/von_mises", None, "quantities at nodes, in cells and units of a body"),
+        ("tradeoff", "settings/angles", None, "/settings lacks angles"),
+        ("shard", "columns/status", None, "columns lack 'status'"),
+    ],
+)
+def test_what_does_not_fit_together_is_told(name: str, place: str, value: object, message: str, tmp_path: Path) -> None:
+    result, path = RESULTS[name](), tmp_path / "f.h5"
+    result.write(path)
+    with resealed(path) as file:
+        del file[place]
+        if value is not None:
+            file[place] = value
+            file[place].attrs["unit"] = "1"
+    with pytest.raises(InputError, match=f"f.h5'.*{message}"), type(result).opened(path):
+        pass

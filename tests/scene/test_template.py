@@ -1,0 +1,107 @@
+"""Scenes to begin with: each is written with its mesh, is sound without a warning, is built, and runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene.template import template_names, write_template
+from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.simulate import simulate_reduced
+
+NAMES = ("arm", "four_bar", "slider_crank", "solid_link", "spatial")
+# a shortened run of a coarse model: 12 configurations of one coordinate, 6 x 6 of two
+SHORT = ("simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=2")
+
+
+def test_these_are_all() -> None:
+    assert tuple(template_names()) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
+    written = write_template(name, tmp_path / "mine.toml")
+    assert set(tmp_path.iterdir()) == set(written)
+    whole, _ = read_scene(written[0], (), (), MPI.COMM_SELF, Purpose.BUILD)
+    assert whole.remarks == () and whole.name == name and whole.ensemble.probabilities
+    assert all(parameter.distribution is not None for parameter in whole.parameters.values())
+    angles = 12 if len(whole.coordinates) == 1 else 6
+    overrides = (*SHORT, f"reduction.angles={angles}")
+    scene, meshes = read_scene(written[0], overrides, (), MPI.COMM_SELF, Purpose.BUILD)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, meshes, group)
+    run = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    assert run.status == Status.FINE and run.time[-1] == pytest.approx(0.02)
+    assert all(np.isfinite(values).all() for values in run.outputs.values())
+    assert any(np.ptp(values) > 0.0 for values in run.outputs.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_number_has_its_unit_in_a_comment_or_an_entry(name: str, tmp_path: Path) -> None:
+    """Lines with numbers that are no counts and no shares say in which unit they are."""
+    text = write_template(name, tmp_path / "mine.toml")[0].read_text()
+    for line in text.splitlines():
+        if re.match(r"(E|rho|duration|step|range|above|below|table|stiffness|pivot) = [^\"]", line):
+            assert "#" in line, line
+    assert "pgmp run mine.toml" in text and f"{name}.toml" not in text
+
+
+def message(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
+    with pytest.raises(SystemExit) as end:
+        main(["new", *map(str, arguments)])
+    out, err = capfd.readouterr()
+    assert end.value.code == 2 and out == "" and err.startswith("pgmp: error: ") and err.count("\n") == 1, err
+    return err
+
+
+def test_an_unknown_template_names_those_that_are_there(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    known = ", ".join(NAMES)
+    assert message(capfd, "xyzzy", tmp_path / "x.toml").endswith(f"template 'xyzzy': there is none; known: {known}\n")
+    assert f"did you mean 'four_bar'?; known: {known}" in message(capfd, "four_bra", tmp_path / "x.toml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_are_replaced_with_force_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    scene, mesh = write_template("solid_link", tmp_path / "mine.toml")
+    mesh.write_text("my own mesh")
+    # neither of the two is written where one cannot be
+    assert f"file '{mesh}' exists; give another name, or replace it with --force" in message(
+        capfd, "solid_link", tmp_path / "other.toml"
+    )
+    assert not (tmp_path / "other.toml").exists() and mesh.read_text() == "my own mesh"
+    scene.write_text("mine")
+    assert f"file '{scene}' exists" in message(capfd, "arm", scene)
+    write_template("solid_link", scene, force=True)
+    assert "[bodies.rod]" in scene.read_text() and "$MeshFormat" in mesh.read_text()
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("mine.txt", "scenes are TOML; name it '"),
+        ("none/mine.toml", "does not exist; create it first"),
+        ("folder.toml", "is a directory; give the name of a file in it, FILE.toml"),
+    ],
+)
+def test_places_where_no_scene_can_be(
+    path: str, expected: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    assert expected in message(capfd, "arm", tmp_path / path)
+
+
+def test_the_help_says_what_templates_show(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["new", "--help"])
+    out = capfd.readouterr().out
+    assert all(re.search(rf"^  {name} +\w", out, re.MULTILINE) for name in NAMES)

@@ -1,0 +1,125 @@
+"""The search for edges of laws within a step: what it asks to be tried, and when it finds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from pgmp_petsc.stepping import edge_search
+from pgmp_petsc.stepping.edge_search import (
+    BEGUN,
+    DONE,
+    HOPELESS,
+    MAX_EVENTS,
+    MAX_TRIALS,
+    REACHED,
+    SHORTEST,
+    TIME_TOLERANCE,
+    TRIED,
+    allocate_search,
+    look,
+)
+
+LANE, STEP = 3, 0.5
+Depth = Callable[[float], float]
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run what is compiled into larger functions as Python."""
+    for name in ("begin_step", "_note", "_next_edge", "_narrow"):
+        monkeypatch.setattr(edge_search, name, getattr(edge_search, name).py_func)
+
+
+def through(
+    depths: Sequence[Depth], beyond: Sequence[bool], reached: list[float] | None = None
+) -> tuple[list[float], list[tuple[int, float]], np.ndarray]:
+    """Take a lane through a step; return what it reached, all trials as (what came of it, end), and what is beyond."""
+    search, now = allocate_search.py_func(len(depths)), np.array(beyond)
+    edge_search.begin_step(search, LANE, STEP)
+    begin, reached, tried = 0.0, [] if reached is None else reached, []
+    while True:
+        end = begin + search.duration[LANE]
+        found = look.py_func(search, LANE, STEP, np.array([depth(end) for depth in depths]), now)
+        tried.append((found, end))
+        if found == REACHED:
+            begin = end
+            reached.append(end)
+        if found in (DONE, HOPELESS):
+            return reached, tried, now
+
+
+DEPTHS: dict[str, Depth] = {
+    "straight": lambda t: t - 0.2,
+    "bent": lambda t: np.exp(3.0 * t) - 2.0,
+    "flat": lambda t: (t - 0.31) ** 3,
+    "kinked": lambda t: 5.0 * (t - 0.1) if t < 0.1 else 0.01 * (t - 0.1),
+    "steep": lambda t: np.tanh(400.0 * (t - 0.43)),
+    "at once": lambda t: t - 1e-4,
+    "at the end": lambda t: t - (STEP - 1e-4),
+}
+
+
+@pytest.mark.parametrize("name", DEPTHS)
+@pytest.mark.parametrize("leaves", [False, True])
+def test_an_edge_is_found_where_scipy_finds_it(name: str, leaves: bool) -> None:
+    """The same method, to the last bit but for the order of operations, and with as many trials."""
+    asked = []
+
+    def depth(time: float) -> float:
+        asked.append(time)
+        return DEPTHS[name](time)
+
+    root = brentq(depth, SHORTEST * STEP, STEP, xtol=TIME_TOLERANCE * STEP)
+    reached, tried, beyond = through([lambda t: -DEPTHS[name](t) if leaves else DEPTHS[name](t)], [leaves])
+    assert reached == pytest.approx([root], rel=1e-14) and beyond[0] != leaves
+    assert tried[0] == (BEGUN, STEP) and tried[-1] == (DONE, pytest.approx(STEP))
+    # of the ends of the bracket the later one is known; beyond scipy's trials: up to the edge, and the rest
+    assert len(tried) == len(asked) + 2
+
+
+def test_a_step_without_an_edge_is_one_trial() -> None:
+    assert through([lambda t: t - 1.0, lambda t: 1.0 - t], [False, True])[:2] == ([], [(DONE, STEP)])
+
+
+def test_the_nearest_edge_comes_first() -> None:
+    """And the others are looked for again from there."""
+    reached, _, beyond = through([lambda t: t - 0.4, lambda t: 0.1 - t, lambda t: t - 0.3], [False, True, False])
+    np.testing.assert_allclose(reached, [0.1, 0.3, 0.4], rtol=0, atol=2 * TIME_TOLERANCE * STEP)
+    np.testing.assert_array_equal(beyond, [True, False, True])
+
+
+def test_an_edge_that_is_there_already_needs_no_step() -> None:
+    reached, tried, beyond = through([lambda t: 1.0 + t], [False])
+    assert reached == [] and beyond[0]
+    assert [found for found, _ in tried] == [BEGUN, TRIED, DONE]
+
+
+def test_what_is_left_behind_the_last_edge_may_be_nothing() -> None:
+    reached, tried, beyond = through([lambda t: t - STEP * (1.0 - 1e-8)], [False])
+    assert reached == [] and beyond[0]
+    assert tried[-1] == (DONE, pytest.approx(STEP, rel=2e-8))
+
+
+def test_a_step_with_too_many_edges_ends_as_it_is() -> None:
+    reached: list[float] = []
+
+    def thrown_back(time: float) -> float:
+        """Return a depth that has another sign behind each edge than before."""
+        return (time - 0.02 * (len(reached) + 1)) * (-1.0) ** len(reached)
+
+    tried = through([thrown_back], [False], reached)[1]
+    np.testing.assert_allclose(reached, 0.02 * (1.0 + np.arange(MAX_EVENTS)), rtol=0, atol=2 * TIME_TOLERANCE * STEP)
+    assert len(reached) == MAX_EVENTS and tried[-1] == (DONE, pytest.approx(STEP))
+
+
+def test_a_search_that_does_not_end_is_given_up() -> None:
+    search, beyond = allocate_search.py_func(1), np.array([False])
+    edge_search.begin_step(search, LANE, STEP)
+    assert look.py_func(search, LANE, STEP, np.array([1.0]), beyond) == BEGUN
+    assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == TRIED
+    search.n_trials[LANE] = MAX_TRIALS
+    assert look.py_func(search, LANE, STEP, np.array([-1.0]), beyond) == HOPELESS

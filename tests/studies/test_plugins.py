@@ -1,0 +1,392 @@
+"""Effects in files of users: taken, refused, and named in result files; the one of docs/extending.md in every model."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from combinations import _build, _components, _full, meshes_for, scene_of
+from conftest import ROOT
+from effect_scenes import BASE
+from exported import COMPILER, OPTIONS, assert_equal, outputs_of
+from handbook_blocks import blocks_of
+from mpi4py import MPI
+from runs import IN_TURN
+
+import pgmp_petsc as pgmp
+from pgmp_petsc.c_export.source import COMPILED
+from pgmp_petsc.declare import ideas
+from pgmp_petsc.declare.ideas import FAMILIES
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.plugins import IN_USE, check_plugins
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.scene.units import SI
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
+OUTPUT = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.mechanism.statements import along
+from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.scene.fields import Direction, Point
+from pgmp_petsc.scene.outputs import OutputEntry
+
+class Along(OutputEntry):
+    \'\'\'Place of a point along a direction, from the ground's origin (m).\'\'\'
+
+    type: Literal["along"]
+    reads, unit = "frames", "m"
+    point: Point
+    direction: Direction
+
+    def reading(self, name, start, kinematics):
+        mechanism = kinematics.mechanism
+        sides = mechanism.attachment("ground:origin", name), mechanism.attachment(self.point, name)
+        return Reading("MEASURE", sides, along(np.array(self.direction)), space=mechanism.space)
+"""
+pytestmark = pytest.mark.usefixtures("no_plugins")
+TABLE = '{type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0}'
+
+
+@pytest.fixture
+def line_spring(tmp_path: Path) -> Path:
+    """The file of docs/extending.md."""
+    path = tmp_path / "line_spring.py"
+    path.write_text(LISTING)
+    return path
+
+
+MODELS: dict[str, Callable[[Scene], Trajectory]] = {
+    "full": lambda scene: simulate_full(_full(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "components": lambda scene: simulate_full(_components(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "reduced": lambda scene: simulate_reduced(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
+    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most.
+
+    The output of another plugin is the place that the program's own output is.
+    """
+    (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
+    for path in (line_spring, of_output):
+        pgmp.use(path)
+    text = scene_to_toml(scene_of("beams", "nothing"))
+    along = 'outputs.along={type="along", point="rod:tip", direction=[1.0, 0.0]}'
+    entries = {
+        "plugin": 'effects.x={type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0, damping=0.5}',
+        "own": 'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.0, 1.0]], '
+        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}",
+    }
+    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, along])) for name, entry in entries.items()}
+    for name, values in found["own"].outputs.items():
+        np.testing.assert_allclose(found["plugin"].outputs[name], values, rtol=1e-12, atol=1e-14)
+    outputs = found["plugin"].outputs
+    np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
+
+
+#: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
+TRAMMEL = """
+[scene]
+name = "trammel"
+[parameters.strength]
+nominal = 1.0
+[materials.stiff]
+E = 2.1e13
+nu = 0.3
+rho = 7850.0
+[bodies.bar]
+line = { length = 1.0, elements = 2 }
+element = "beam3d"
+material = "stiff"
+section = { shape = "circle", radius = 0.02 }
+placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
+[joints.end]
+type = "point_on_line"
+connect = ["ground:origin", "bar:tip"]
+direction = [0.0, 1.0, 0.0]
+[coordinates.theta]
+joint = "held"
+range = [-0.4, 0.6]
+[effects.motor]
+type = "torque"
+joint = "held"
+table = [[0.0, 20.0], [1.0, 20.0]]
+scale = "strength"
+[outputs.angle]
+type = "angle"
+joint = "held"
+[outputs.place]
+type = "position"
+point = "bar:hinge"
+axis = "x"
+[reduction]
+modes = 3
+angles = 12
+interpolation = "spline"
+[simulation]
+duration = 0.3
+step = 2e-3
+"""
+PIN = 'joints.held={type="pin_in_slot", connect=["ground:origin", "bar:hinge"], axis=[0, 0, 1], slot=[1, 0, 0]}'
+GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hinge"], direction=[1.0, 0.0, 0.0]}'
+#: Joints in which a bar slides and turns in a plane.
+SLIDING_AND_TURNING = {
+    "pin_in_slot": (PIN,),
+    "planar": ('joints.held={type="planar", connect=["ground:origin", "bar:middle"], normal=[0, 0, 1]}', GUIDE),
+}
+
+
+@pytest.mark.parametrize("kind", SLIDING_AND_TURNING)
+def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> None:
+    """Its middle moves on a circle about the origin, so that a torque T turns it by T t^2 / (2 I) with I about its end:
+    in every model, its derivatives and C."""
+    (path := tmp_path / "pin_in_slot.py").write_text(JOINT)
+    pgmp.use(path)
+    (scene_file := tmp_path / "trammel.toml").write_text(TRAMMEL)
+    scene = pgmp.load(scene_file, overrides=SLIDING_AND_TURNING[kind])
+    rom = pgmp.build(scene)
+    area, second = np.pi * 0.02**2, np.pi * 0.02**4 / 4
+    inertia = 7850.0 * (area / 3 + second)
+    runs = {
+        "reduced": pgmp.simulate(rom),
+        "full": pgmp.simulate(scene, model="full"),
+        "components": pgmp.simulate(scene, model="components"),
+    }
+    for model, run in runs.items():
+        turned = 0.5 * 20.0 / inertia * run.time**2
+        # deformation under the torque and its vibration, and the step's error
+        np.testing.assert_allclose(run.outputs["angle"], turned, rtol=0, atol=2e-4 * turned[-1], err_msg=model)
+        place = np.cos(np.arctan2(0.6, 0.8) - turned)
+        np.testing.assert_allclose(run.outputs["place"], place, rtol=0, atol=2e-4 * turned[-1], err_msg=model)
+    slopes = pgmp.sensitivities(rom)
+    assert slopes.derivatives["angle"]["strength"][-1] == pytest.approx(turned[-1], rel=2e-4)
+    pgmp.export_model(rom, str(tmp_path / "model"))
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    subprocess.run(command, cwd=tmp_path / "model", check=True)
+    assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
+
+
+def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
+    pgmp.use(line_spring)
+    assert '`[effects.NAME]` with `type = "line_spring"`' in reference_page()
+    with pytest.raises(InputError, match=r"^effects\.e\.stiffness = -1\.0: a positive number or the name"):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('20.0', '-1.0')}"])
+    parameter = ['parameters.k={nominal=1.0, unit="kg"}', f"effects.e={TABLE.replace('20.0', chr(34) + 'k' + chr(34))}"]
+    with pytest.raises(InputError, match=r"effects\.e\.stiffness uses it, which needs N/m"):
+        scene_from_toml(BASE, ".", parameter)
+
+
+CLASS = "class LineSpring"
+LAW = 'from pgmp_petsc.effects.law import Law\nlaw = Law("{}", ("k",), force="{}")\n'
+#: A change of the file (text, in its place), and what is said of it behind the file's name.
+BROKEN = {
+    "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
+    "null bytes": (("@", "\0"), r"plugin '.*', line 1: this is not Python: source code .* null bytes$"),
+    "nothing in it": (("*", "x = 1\n"), r"plugin '.*': no idea is declared in it; needed: a subclass of EffectEntry"),
+    "it fails": (("@", "import numpy\nnumpy.nothing\n"), r"plugin '.*', line 2: AttributeError: .*; repair the file$"),
+    "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
+    "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
+    "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
+    "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
+    "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
+    "not said what": (('    acts = "forces"\n', ""), r"an effect says what it is: acts = "),
+    "an entry that is not": (('"damping")', '"dampng")'), r"there is no entry dampng; its entries: "),
+    "no unit": (
+        ('Annotated[NotNegativeOrParameter, Unit("N s/m")]', "NotNegativeOrParameter"),
+        r"damping may name a parameter, and has no unit: write Annotated",
+    ),
+    "no SI unit": (('"N s/m"', '"lbf"'), r"damping is in 'lbf', which is no SI unit of a scene; such units: "),
+    "no motion of the joint": (("    local", "    joint: str\n    local"), r"joints = \(\"turning\", \"sliding\"\)"),
+    "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
+    "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
+    "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
+    "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
+    "a law that names what it has not": (("@", LAW.format("own", "-k * z")), r"mine\.py:2: law own: force: .*'z'"),
+    "a law without bounds": (("@", LAW.format("own", "-k / s")), r"mine\.py:2: law own: .* not finite at s = 0"),
+    "a law of a taken name": (
+        ("@", LAW.format("stop", "-k * s")),
+        r"mine\.py:2: the name 'stop' is taken by .*laws\.py",
+    ),
+    "a joint that holds nothing": (
+        ("*", JOINT.replace("def statements", "def stated")),
+        r"line \d+: .* statements\(self",
+    ),
+    "a joint of statements that fail": (
+        ("*", JOINT.replace("in_a[:, 2]", "in_c")),
+        r"line \d+: .* NameError: .*'in_c'",
+    ),
+    "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r"line \d+: .*: statements: "),
+    "a joint that is nowhere": (("*", JOINT.replace("(3,)", "(4,)")), r"a joint says where it can be: dimensions = "),
+    "a joint of an unknown motion": (
+        ("*", JOINT.replace('"turning"', '"rolling"')),
+        r"free are turning, sliding, spin$",
+    ),
+    "a joint of a taken name": (
+        ("*", JOINT.replace('"pin_in_slot"', '"fixed"')),
+        r"line \d+: .* 'fixed' already, .*meeting\.py, line",
+    ),
+    "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
+}
+
+
+def changed(name: str) -> str:
+    """Return the file with one mistake."""
+    (place, text), _ = BROKEN[name]
+    if place == "*":
+        return text
+    if place == "@":
+        return text + LISTING
+    assert place in LISTING
+    return LISTING.replace("import EffectEntry", "import EffectEntry, OverTime").replace(place, text, 1)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_plugin_that_is_not_whole_is_refused_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    pgmp.load(ROOT / "scenes" / "slider_crank.toml")
+    path, known = tmp_path / "mine.py", [dict(family.classes) for family in FAMILIES]
+    path.write_bytes(changed(name).encode())
+    with pytest.raises(InputError, match=BROKEN[name][1]) as caught:
+        pgmp.use(path)
+    assert "mine.py" in str(caught.value) and caught.value.exit_status == 2
+    assert [family.classes for family in FAMILIES] == known and not IN_USE
+
+
+def test_a_unit_that_no_entry_of_the_program_has(line_spring: Path) -> None:
+    line_spring.write_text(LISTING.replace('"N s/m"', '"N s2/m3"'))
+    pgmp.use(line_spring)
+    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[f"effects.guide={TABLE}"])
+    assert scene.effects["guide"].damping == 0.0 and SI["N s2/m3"] == (1, -2, 0)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^plugin '.*none\.py': No such file or directory; a Python file is needed$"):
+        pgmp.use(tmp_path / "none.py")
+
+
+def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
+    pgmp.use(line_spring)
+    pgmp.use(line_spring)
+    line_spring.write_text(LISTING.replace('"line_spring"', '"other_spring"'))
+    pgmp.use(line_spring)
+    assert scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_')}"]).effects
+    with pytest.raises(InputError, match=r'^effects\.e\.type = "line_spring": unknown'):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE}"])
+
+
+def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_path: Path) -> None:
+    pgmp.use(line_spring)
+    bare, held = (scene_from_toml(BASE, ".", [f"effects.e={TABLE}"] * n) for n in (0, 1))
+    paths = [tmp_path / "bare.h5", tmp_path / "held.h5"]
+    for path, scene in zip(paths, (bare, held)):
+        with h5py.File(path, "w") as file:
+            RunRecord(scene_to_toml(scene), {}, None, 1).write(file)
+            assert list(json.loads(file.attrs.get("plugins", "{}"))) == ["line_spring.py"] * (scene is held)
+            RunRecord.read(file)
+    other = dict(IN_USE)
+    IN_USE.clear()
+    with h5py.File(paths[0]) as file:
+        RunRecord.read(file)
+    with (
+        h5py.File(paths[1]) as file,
+        pytest.raises(InputError, match=r"held\.h5' was made with the plugin line_spring\.py .* --plugin line_spring"),
+    ):
+        RunRecord.read(file)
+    IN_USE.update(other)
+    line_spring.write_text(LISTING + "\n")
+    pgmp.use(line_spring)
+    with (
+        h5py.File(paths[1]) as file,
+        pytest.raises(InputError, match=r"line_spring\.py is another one .*; give the plugin that it was made with"),
+    ):
+        RunRecord.read(file)
+
+
+#: One of each kind; the last, whose schema and law disagree, is refused where a scene has it.
+DISAGREEING = "a law of other parameters"
+DISAGREEING_LISTING = LISTING.replace(", Quantity(0.0))", ")").replace('"line_spring"', '"other_spring"')
+IN_COMMANDS = (
+    "no Python", "nothing in it", "it fails", "a name that is taken", "a joint of a taken name",
+    "no maker", "a law that names what it has not",
+    "a law without bounds",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_commands_take_plugins_and_end_with_one_message(
+    mpirun: Callable, line_spring: Path, tmp_path: Path, n_ranks: int
+) -> None:
+    scene, wrong = tmp_path / "base.toml", [*IN_COMMANDS, DISAGREEING]
+    scene.write_text(BASE)
+    for name in wrong:
+        (tmp_path / name).mkdir()
+        text = DISAGREEING_LISTING if name == DISAGREEING else changed(name)
+        (tmp_path / name / "mine.py").write_text(text)
+    check = ["check", str(scene), "--override", "reduction.modes=2", "--override", f"effects.e={TABLE}"]
+    commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in wrong]
+    commands[-1][-3] = f"effects.e={TABLE.replace('line_', 'other_')}"
+    commands += [check, [*check, "--plugin", str(line_spring)]]
+    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
+    messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
+    disagrees = r"mine\.py:3\d: effects\.e: law spring_damper .* parameters k, c, rest, and is given 2; give one for"
+    for name, message in zip(wrong, messages):
+        assert re.search(disagrees if name == DISAGREEING else BROKEN[name][1], message)
+    assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
+
+
+def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:
+    def folder() -> CheckpointFolder:
+        return CheckpointFolder(tmp_path / "out.h5", {"scene": "one"})
+
+    pgmp.use(line_spring)
+    begun = folder()
+    begun.open(False)
+    begun.put("samples-0", {"values": np.zeros(1)})
+    assert folder().open(True) == ()
+    line_spring.write_text(LISTING + "\n")
+    pgmp.use(line_spring)
+    with pytest.raises(InputError, match=r"belongs to another run: its plugins differs; repeat the command as it was"):
+        folder().open(True)
+
+
+def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = {"spring": "mine_of_test", "broken": "not_there_of_test"}
+    (tmp_path / "mine_of_test.py").write_text(LISTING)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def named(name: str) -> None:
+        found = EntryPoint(name, points[name], "pgmp.effects")
+        monkeypatch.setattr(ideas, "entry_points", lambda group: [found] if group == "pgmp.effects" else [])
+        monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
+
+    named("broken")
+    told = (
+        r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
+    )
+    with pytest.raises(InputError, match=told):
+        ideas.EFFECTS.found()
+    named("spring")
+    assert "line_spring" in ideas.EFFECTS.names
+    assert IN_USE["effects", "line_spring"].name == "mine_of_test"
+    sys.modules.pop("mine_of_test")
+    (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
+    IN_USE.clear()
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+        check_plugins(needed, "a.h5")

@@ -1,0 +1,218 @@
+"""Imports run one way, and what needs no PETSc does not import it."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "pgmp_petsc"
+# A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
+# and `results` need less than their place in the flow of data would allow (see `NEEDS`).
+ORDER = (
+    "declare",
+    "scene",
+    "mesh",
+    "bodies",
+    "solvers",
+    "components",
+    "mechanism",
+    "joints",
+    "effects",
+    "modes",
+    "reduction",
+    "outputs",
+    "stepping",
+    "full",
+    "reduced",
+    "models",
+    "gradients",
+    "results",
+    "estimates",
+    "ensemble",
+    "bench",
+    "studies",
+    "figures",
+    "export",
+    "c_export",
+    "report",
+    "texts",
+    "api",
+    "cli",
+)
+FREE = ("runtime", "")  # "" is the package itself: its version
+# packages that keep to fewer than their place allows
+NEEDS = {
+    "runtime": set(),
+    "scene": {"declare"},
+    "mesh": set(),
+    "declare": set(),
+    "results": {"declare"},
+    "bodies": {"scene", "mesh"},
+    "solvers": set(),
+    "mechanism": {"declare", "scene", "mesh", "bodies"},
+    "joints": {"scene", "mechanism"},
+    "effects": {"declare", "scene", "bodies", "mechanism"},
+    "outputs": {"scene", "mesh", "bodies", "mechanism"},
+    "figures": {"mesh", "results"},
+    "export": {"declare", "results"},
+    "report": {"declare", "results", "figures"},
+    "texts": {"results", "reduction", "studies"},  # the latter two for types
+}
+WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results", "declare", "texts")
+
+
+def imports_of(path: Path, for_types: bool = True) -> set[str]:
+    """Return the modules that a file imports anywhere, also within functions and (unless told) for types only."""
+    found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
+    if not for_types:
+        tree.body = [
+            node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+        ]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add(node.module)
+    return found
+
+
+def packages_of(path: Path) -> set[str]:
+    """Return the packages of ours that a file imports."""
+    ours = [name.split(".") for name in imports_of(path) if name.split(".")[0] == "pgmp_petsc"]
+    return {parts[1] if len(parts) > 1 else "" for parts in ours}
+
+
+def files(package: str) -> list[Path]:
+    """Return the modules of a package."""
+    return sorted((PACKAGE / package).rglob("*.py"))
+
+
+def test_the_page_of_architecture_has_the_rooms_in_the_order_of_imports() -> None:
+    rooms = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert rooms == ["runtime", *ORDER]
+
+
+def test_every_package_has_its_place() -> None:
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*ORDER, "runtime"}
+
+
+@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+def test_imports_run_one_way(package: str) -> None:
+    allowed = {*FREE, package}
+    allowed |= NEEDS.get(package, set(ORDER[: ORDER.index(package)] if package in ORDER else ()))
+    for path in files(package):
+        assert packages_of(path) <= allowed, f"{path.relative_to(ROOT)} imports {packages_of(path) - allowed}"
+
+
+#: What only the room of bodies asks: of what kind a body is. Elsewhere it is asked at most so often, of shapes.
+KINDS = {"Assembled", "AssembledBody", "BeamStrains", "Body", "Component", "ContinuumShape", "FloatingBody", "LineMesh"}
+KINDS |= {"Solid", "SolidMesh", "SolidStrains"}
+MOST_ASKED = 12
+
+
+def test_nobody_asks_bodies_for_their_kind() -> None:
+    """Kinds are found (`bodies.body.kinds`): no module outside their room imports one, and few ask for those of shapes."""
+    asked = []
+    for path in PACKAGE.rglob("*.py"):
+        if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":
+            continue
+        assert not any("bodies.kinds" in name for name in imports_of(path)), path
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
+                named = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+                asked += [f"{path}:{node.lineno}"] if named & KINDS else []
+    assert len(asked) <= MOST_ASKED, asked
+
+
+def test_modules_do_not_import_each_other_in_circles() -> None:
+    graph = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        graph[name] = {found for found in imports_of(path, for_types=False) if found.startswith("pgmp_petsc")} - {name}
+    done: set[str] = set()
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, " -> ".join([*above[above.index(name) :], name])
+        if name not in done:
+            for other in graph.get(name, ()):
+                visit(other, (*above, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+@pytest.mark.parametrize("package", WITHOUT_PETSC)
+def test_no_petsc_in_the_source(package: str) -> None:
+    for path in files(package):
+        roots = {name.split(".")[0] for name in imports_of(path)}
+        assert not roots & {"petsc4py", "slepc4py"}, path
+
+
+def test_no_petsc_after_importing() -> None:
+    modules = []
+    for package in WITHOUT_PETSC:
+        for path in files(package):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            modules.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+    script = "import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
+    script += "print(sorted({m.split('.')[0] for m in sys.modules} & {'petsc4py', 'slepc4py', 'mpi4py'}))"
+    command = [sys.executable, "-c", script, *modules]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
+    """Within functions alone, so that every module can be imported in a Python without them."""
+    for path in files(package):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for statement in tree.body:
+            if not (isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.dump(statement.test)):
+                names = {alias.name for alias in getattr(statement, "names", ())} | {getattr(statement, "module", "")}
+                roots = {(name or "").split(".")[0] for name in names}
+                assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
+
+
+@pytest.mark.parametrize("path", files("cli"), ids=lambda path: path.stem)
+def test_the_command_line_calls_the_interface_and_nothing_else(path: Path) -> None:
+    modules = imports_of(path, for_types=False)
+    ours = {name.split(".")[1] for name in modules if name.startswith("pgmp_petsc.")}
+    assert ours <= {"api", "cli", "results", "runtime"}
+
+
+@pytest.mark.parametrize("module", ["runs", "ensembles"])
+def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> None:
+    """A reduced model stands alone: no eigensolver, no reader of meshes."""
+    script = f"import sys, pgmp_petsc.api.{module}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    loaded = {name if name.startswith("pgmp_petsc") else name.split(".")[0] for name in done.stdout.split()}
+    offline = [
+        f"pgmp_petsc.{name}"
+        for name in ("modes", "components", "solvers", "selection", "experiments", "reduction.build")
+    ]
+    assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
+    if module == "ensembles":  # what single runs and few scenes have
+        others = ["models.stresses", "outputs.stress", "reduction.length_family"]
+        others += ["results.tradeoff", "results.trajectory", "ensemble.correction", "bodies.large_deformation"]
+        others += ["ensemble.rare_run", "ensemble.importance", "ensemble.shards"]
+        assert not loaded & {f"pgmp_petsc.{name}" for name in others}
+
+
+def test_no_communicator_and_no_petsc_start_at_import() -> None:
+    """Importing everything but the commands starts neither MPI's world nor PETSc with somebody's arguments."""
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for statement in tree.body:
+            if isinstance(statement, (ast.FunctionDef, ast.ClassDef)):
+                continue
+            names = {node.attr for node in ast.walk(statement) if isinstance(node, ast.Attribute)}
+            assert "COMM_WORLD" not in names, path
