@@ -167,7 +167,7 @@ def _plus(x, factor, y):
     )  # fmt: skip
 
 
-@njit(cache=True, apart=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     q, v, a, sections = items(q, width), items(v, width), items(a, width), items(sections, width)
