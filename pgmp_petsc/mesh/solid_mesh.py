@@ -6,13 +6,16 @@ Which nodes and faces the cells of a mesh have, and how they hang together.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
 
 from pgmp_petsc.mesh.reading import Counted
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.runtime.errors import InputError, nearest_name
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,5 +132,7 @@ def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:
 
 def undirected_graph(edges: np.ndarray, n_vertices: int) -> csr_array:
     """Return the symmetric matrix of a graph from its edges, shape (2, n_edges)."""
+    from scipy.sparse import coo_array  # scenes of beams do without it
+
     rows, columns = np.hstack([edges, edges[::-1]])
     return coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n_vertices, n_vertices)).tocsr()
