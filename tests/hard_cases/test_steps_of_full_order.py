@@ -165,7 +165,7 @@ def test_what_nobody_estimated_does_not_decide(tmp_path: Path, capfd: pytest.Cap
     said = capfd.readouterr().out
     assert "is not decided by this model: its error is not known" in said and "P(" in said and " = 0 %" not in said
     compared = next(line for line in said.splitlines() if "differs from full order" in line)
-    assert "coupler_bending" not in compared and "compared over the first 0.00" in compared
+    assert "coupler_bending" not in compared and "compared over the first 0.0025 s" in compared
 
 
 def ends_with(status: int, *words: object) -> None:
