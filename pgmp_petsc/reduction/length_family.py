@@ -83,7 +83,12 @@ class LengthFamily:
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
-        tables = self._blended_tables(scene)
+        parts = [member.tables for member in self.members]
+        tables = replace(
+            self._of_parts(scene, parts, tuple(OF_TABLES)),
+            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
+            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
+        )
         return replace(
             nominal,
             tables=tables,
@@ -143,14 +148,6 @@ class LengthFamily:
         inertia = np.swapaxes(inertia.reshape(*inertia.shape[:2], n_mass, n_moving, n_each), 3, 4)
         influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
         return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
-
-    def _blended_tables(self, scene: Scene) -> ReducedTables:
-        parts = [member.tables for member in self.members]
-        return replace(
-            self._of_parts(scene, parts, tuple(OF_TABLES)),
-            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
-            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
-        )
 
     def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
         """Return the polynomials of some fields of dataclasses; None where there is nothing."""

@@ -126,20 +126,6 @@ def _beside(path: Path) -> str:
     return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
 
 
-def read_values(data: Mapping[str, Any], directory: Path) -> None:
-    """Put the numbers of a file in the place of its name, in ``values`` of distributions: a scene carries all it is of.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or something in it is no number.
-    """
-    parameters = data.get("parameters")
-    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
-        law = parameter.get("distribution") if isinstance(parameter, dict) else None
-        _read_law(law, f"parameters.{name}.distribution", directory)
-
-
 def _read_law(law: object, entry: str, directory: Path) -> None:
     if not isinstance(law, dict):
         return
@@ -226,7 +212,10 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     apply_overrides(data, overrides)
     check_tables(data)
     add_field_parameters(data)
-    read_values(data, directory)
+    parameters = data.get("parameters")
+    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
+        law = parameter.get("distribution") if isinstance(parameter, dict) else None
+        _read_law(law, f"parameters.{name}.distribution", directory)
     given = convert_parameters(data)
     apply_settings(data, settings)  # after the conversion: they are in SI units
     try:
