@@ -38,14 +38,12 @@ from pgmp_petsc.results.gradients import (
 )
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.files import RunRecord
+from scenes import tables
 
-SCENE = """
-[scene]
-name = "slider_crank"
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
-"""
+SCENE = tables("""
+scene: name = "slider_crank"
+parameters.r1: nominal = 5.6e-3; unit = "m"
+""")
 CRANK, ROD = 0.3, 0.7
 
 
