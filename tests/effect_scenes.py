@@ -12,9 +12,10 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
+from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.estimates import Balance
+from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.energies import joined
 from pgmp_petsc.stepping.generalised_alpha import integrate

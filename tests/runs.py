@@ -14,7 +14,8 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
+from pgmp_petsc.mesh import read_line_mesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom

@@ -16,7 +16,7 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from scenes import HEADER, tables
 

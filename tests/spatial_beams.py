@@ -10,8 +10,8 @@ from spatial import TURN, bar
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import LineMesh, SolidMesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 

@@ -19,6 +19,7 @@ from pgmp_petsc.results import (
     Frames,
     MeshErrors,
     ModesTable,
+    RareEvent,
     References,
     Sensitivity,
     Statistics,
@@ -36,7 +37,6 @@ from pgmp_petsc.results.gradients import (
     FittedOutput,
     FittedParameter,
 )
-from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.files import RunRecord
 from scenes import tables
 

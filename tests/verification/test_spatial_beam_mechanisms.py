@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, bars_of, table
 
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.scene.loading import scene_to_toml
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import STEEL, tables
 

@@ -34,7 +34,7 @@ from solids import rectangle_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene

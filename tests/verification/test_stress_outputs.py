@@ -22,7 +22,7 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.seal import identity
