@@ -284,18 +284,18 @@ def compiled_mark(function: Callable) -> str:
     """Return what tells all that is compiled into a function of the package.
 
     That is the code of the functions that it calls, one after the other, and the values of the names that they read. Of
-    a function apart only what it returns is compiled into its callers. What teaches numba types of the package is known
-    to all.
+    a function apart only its name and what it returns are compiled into its callers. What teaches numba types of the
+    package is known to all.
     """
-    marks: dict[str, str] = {}
+    marks: dict[Callable, str] = {}
     todo = [function]
     while todo:
         each = todo.pop()
-        name = f"{each.__module__}.{each.__qualname__}"
-        if name not in marks:
-            marks[name], called = _own_mark(each)
+        if each not in marks:
+            own, called = _own_mark(each)
+            marks[each] = f"{each.__module__}.{each.__qualname__} {own}"
             todo.extend(called)
-    return _checksum(text_mark(*_teaching()), *(f"{name} {marks[name]}" for name in sorted(marks)))
+    return _checksum(text_mark(*_teaching()), *sorted(marks.values()))
 
 
 def text_mark(*modules: str) -> str:
@@ -350,7 +350,7 @@ def _read(value: Any, called: list[Callable]) -> str:
         if value.apart is None:
             called.append(value.py_func)
             return options
-        return f"{options} {_read(value.apart, called)}"
+        return f"{value.py_func.__module__} {options} {_read(value.apart, called)}"
     if isinstance(value, FunctionType) and value.__module__.partition(".")[0] not in LIBRARIES:
         called.append(value)
         return value.__qualname__
