@@ -37,7 +37,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.random_fields import RandomField
+from pgmp_petsc.scene.parameters import RandomField
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to

@@ -6,7 +6,7 @@ the family are models built at the points l_p; their bases are expressed in that
     Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
 
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
-Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`length_grid`). The kinematics of
+Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`sample_grid`). The kinematics of
 one run are exact: the mechanism is made anew with its lengths.
 """
 
@@ -23,9 +23,9 @@ from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
+from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, rigid_inertia
 from pgmp_petsc.scene import Scene
 
