@@ -118,6 +118,33 @@ class Together(Observer):
             observer.over(numbers, times, trail)
 
 
+class StateRecord(Observer):
+    """Keeps all states of a reduced run of one sample; `pulse` is called with numbers of steps."""
+
+    def __init__(self, pulse: Callable[[int], object]) -> None:
+        self._pulse = pulse
+        self._times: list[np.ndarray] = []
+        self._states: list[np.ndarray] = []
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Keep the state after a step."""
+        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Keep the states after many steps; see `Observer`."""
+        self._keep(times, trail, times.size)
+
+    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
+        self._times.append(times.copy())
+        self._states.append(trail[:, :, 0].copy())
+        self._pulse(n_steps)
+
+    def states(self) -> tuple[np.ndarray, State]:
+        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
+        states = np.moveaxis(np.concatenate(self._states), 1, 0)
+        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))
+
+
 class GeneralisedAlpha:
     """Steps a `SecondOrderSystem` from stop to stop, as a `drivers.Driver` calls it.
 
