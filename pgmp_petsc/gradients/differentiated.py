@@ -51,7 +51,7 @@ from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.uses import velocity_names
-from pgmp_petsc.stepping.generalised_alpha import Attempt, StateRecord, Run, integrate, integrate_with_smaller_steps
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.stepping.status import Status
 
