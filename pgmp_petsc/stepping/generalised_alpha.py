@@ -247,9 +247,10 @@ class GeneralisedAlpha:
                 Stretch(self._stepper, self._moment, first, ends, self._step, together, self._beyond, shown, trail)
             )
             at[together] += n_steps[together]
-            stuck = together & (outcome != Outcome.DONE)
-            for number in sorted(set(at[stuck].tolist())):
-                there = stuck & (at == number)
+            # one that is through its step with care is not to be taken up with others that are stuck in the next one
+            stuck_at = np.where(together & (outcome != Outcome.DONE), at, last)
+            for number in sorted(set(stuck_at.tolist()) - {last}):
+                there = stuck_at == number
                 self._advance_with_care(number, there, outcome)
                 self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
                 at[there] += 1
