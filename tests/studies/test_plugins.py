@@ -35,6 +35,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import tables
 
 LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
 OUTPUT = """
@@ -101,48 +102,21 @@ def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: P
 
 
 #: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
-TRAMMEL = """
-[scene]
-name = "trammel"
-[parameters.strength]
-nominal = 1.0
-[materials.stiff]
-E = 2.1e13
-nu = 0.3
-rho = 7850.0
-[bodies.bar]
-line = { length = 1.0, elements = 2 }
-element = "beam3d"
-material = "stiff"
-section = { shape = "circle", radius = 0.02 }
-placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
-[joints.end]
-type = "point_on_line"
-connect = ["ground:origin", "bar:tip"]
-direction = [0.0, 1.0, 0.0]
-[coordinates.theta]
-joint = "held"
-range = [-0.4, 0.6]
-[effects.motor]
-type = "torque"
-joint = "held"
-table = [[0.0, 20.0], [1.0, 20.0]]
-scale = "strength"
-[outputs.angle]
-type = "angle"
-joint = "held"
-[outputs.place]
-type = "position"
-point = "bar:hinge"
-axis = "x"
-[reduction]
-modes = 3
-angles = 12
-interpolation = "spline"
-[simulation]
-duration = 0.3
-step = 2e-3
-"""
+TRAMMEL = tables("""
+scene: name = "trammel"
+parameters.strength: nominal = 1.0
+materials.stiff: E = 2.1e13; nu = 0.3; rho = 7850.0
+bodies.bar: line = { length = 1.0, elements = 2 }; element = "beam3d"; material = "stiff";
+    section = { shape = "circle", radius = 0.02 };
+    placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
+joints.end: type = "point_on_line"; connect = ["ground:origin", "bar:tip"]; direction = [0.0, 1.0, 0.0]
+coordinates.theta: joint = "held"; range = [-0.4, 0.6]
+effects.motor: type = "torque"; joint = "held"; table = [[0.0, 20.0], [1.0, 20.0]]; scale = "strength"
+outputs.angle: type = "angle"; joint = "held"
+outputs.place: type = "position"; point = "bar:hinge"; axis = "x"
+reduction: modes = 3; angles = 12; interpolation = "spline"
+simulation: duration = 0.3; step = 2e-3
+""")
 PIN = 'joints.held={type="pin_in_slot", connect=["ground:origin", "bar:hinge"], axis=[0, 0, 1], slot=[1, 0, 0]}'
 GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hinge"], direction=[1.0, 0.0, 0.0]}'
 #: Joints in which a bar slides and turns in a plane.
