@@ -58,24 +58,13 @@ FEWEST = 64  # steps of a run: its largest values over time are known at so many
 
 @dataclass
 class StepSearch:
-    """Search for the fewest steps that keep an error.
+    """Search for the fewest steps that keep an error."""
 
-    Parameters
-    ----------
-    compare
-        Returns how far runs with two numbers of steps are apart, shape (n_outputs,).
-    first
-        Steps of the coarsest run that is halved.
-    allowed
-        Largest error that is allowed.
-    coarsest
-        Steps of the coarsest run that may be chosen; `first` is a power of two times it.
-    """
-
+    #: returns how far runs with two numbers of steps are apart, shape (n_outputs,)
     compare: Callable[[int, int], np.ndarray]
-    first: int
-    allowed: float
-    coarsest: int
+    first: int  # steps of the coarsest run that is halved
+    allowed: float  # largest error that is allowed
+    coarsest: int  # steps of the coarsest run that may be chosen; `first` is a power of two times it
     chosen: int | None = None
     error: float = np.inf
     finest: int = 0

@@ -27,21 +27,11 @@ ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the ax
 
 @dataclass(frozen=True, eq=False)
 class FramedSolid:
-    """A continuum body and its frames.
+    """A continuum body and its frames."""
 
-    Attributes
-    ----------
-    solid
-        Mesh and materials, or assembled matrices.
-    frames
-        By the name of the group of faces.
-    drawn
-        What the cross-section of the mesh was scaled with already (`at`).
-    """
-
-    solid: Solid | AssembledBody
-    frames: dict[str, FaceFrame]
-    drawn: SectionScale | None = None
+    solid: Solid | AssembledBody  # mesh and materials, or assembled matrices
+    frames: dict[str, FaceFrame]  # by the name of the group of faces
+    drawn: SectionScale | None = None  # what the cross-section of the mesh was scaled with already (`at`)
 
     @classmethod
     def of(

@@ -144,18 +144,10 @@ OVERSAMPLING = 100  # columns of a factor beside the wanted terms, at least
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """The first terms of an expansion.
+    """The first terms of an expansion."""
 
-    Attributes
-    ----------
-    functions
-        ``sqrt(lambda_k) phi_k`` in the cells, shape (n_terms, n_cells).
-    shares
-        Of the variance over the body that each term keeps, shape (n_terms,).
-    """
-
-    functions: np.ndarray
-    shares: np.ndarray
+    functions: np.ndarray  # ``sqrt(lambda_k) phi_k`` in the cells, shape (n_terms, n_cells)
+    shares: np.ndarray  # of the variance over the body that each term keeps, shape (n_terms,)
 
     @property
     def kept(self) -> float:

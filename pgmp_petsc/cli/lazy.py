@@ -22,14 +22,9 @@ from pgmp_petsc.runtime.surroundings import check_variables
 
 @dataclass(frozen=True)
 class LazyCommand:
-    """A command that is found, and what the group's help says of it.
+    """A command that is found, and what the group's help says of it."""
 
-    Parameters
-    ----------
-    head : Found
-        Where its declaration is, its line of help, and whether PETSc is started before the module is imported.
-    """
-
+    #: where its declaration is, its line of help, and whether PETSc is started before the module is imported
     head: Found
 
     def load(self) -> click.Command:

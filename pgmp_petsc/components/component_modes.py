@@ -373,17 +373,10 @@ def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SectionCoordinates:
-    """The change of coordinates.
+    """The change of coordinates."""
 
-    Attributes
-    ----------
-    factor
-        s.
-    constant, linear
-        T_0 and T_1, shape (n, n).
-    """
-
-    factor: Quantity
+    factor: Quantity  # s
+    #: constant, linear: T_0 and T_1, shape (n, n)
     constant: np.ndarray
     linear: np.ndarray
 

@@ -191,29 +191,16 @@ BESIDE = 1.4  # of the memory of the trial: what the count and vectors take, mea
 
 @dataclass(frozen=True)
 class Trial:
-    """Time and memory that one body took, and those that all are expected to take.
+    """Time and memory that one body took, and those that all are expected to take."""
 
-    Attributes
-    ----------
-    body
-        The body that was tried.
-    n_dofs
-        Its unknowns.
-    assembly, factorisation, solve
-        Times of the trial, s; the solve is that of one block of columns.
-    memory
-        Largest memory of all ranks together so far, bytes.
-    seconds
-        Expected time of condensing all bodies on these ranks, s.
-    """
-
-    body: str
-    n_dofs: int
+    body: str  # the body that was tried
+    n_dofs: int  # its unknowns
+    #: assembly, factorisation, solve: times of the trial, s; the solve is that of one block of columns
     assembly: float
     factorisation: float
     solve: float
-    memory: float
-    seconds: float
+    memory: float  # largest memory of all ranks together so far, bytes
+    seconds: float  # expected time of condensing all bodies on these ranks, s
 
 
 def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:

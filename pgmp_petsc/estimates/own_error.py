@@ -27,17 +27,10 @@ CURE = "a better basis (reduction.tolerance) makes it smaller, and full-order ru
 
 @dataclass(frozen=True, eq=False)
 class OwnErrors:
-    """Estimated errors of some runs.
+    """Estimated errors of some runs."""
 
-    Attributes
-    ----------
-    at_end
-        Of every output at the end time, shape (n,), NaN where there is no estimate.
-    histories
-        Of every run: instants (s), and the errors of every output there.
-    """
-
-    at_end: Mapping[str, np.ndarray]
+    at_end: Mapping[str, np.ndarray]  # of every output at the end time, shape (n,), NaN where there is no estimate
+    #: of every run: instants (s), and the errors of every output there
     histories: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray]]]
 
     @classmethod

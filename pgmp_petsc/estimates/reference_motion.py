@@ -34,14 +34,9 @@ TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 
 @dataclass(frozen=True)
 class Instant:
-    """Motion at one instant; all of shape (n_dofs, n_samples).
+    """Motion at one instant; all of shape (n_dofs, n_samples)."""
 
-    Attributes
-    ----------
-    q, v, a
-        Unknowns, velocities and accelerations that belong together.
-    """
-
+    #: q, v, a: unknowns, velocities and accelerations that belong together
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray

@@ -38,28 +38,15 @@ UNSURE = 2.5  # beyond which the last two do not tell the error, as their own er
 
 @dataclass(frozen=True)
 class Schedule:
-    """Even evaluations of a run.
+    """Even evaluations of a run."""
 
-    Attributes
-    ----------
-    steps
-        Numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the
-        same number of steps, but the first may have less: the value at its end then represents a whole interval.
-    places
-        Places of these among the steps that are kept while a run goes on, shape (n_e,).
-    told
-        Which of these are ends of the run's own steps, shape (n_e,).
-    interval
-        Time between two evaluations, s.
-    spectral_radius
-        Of the integration over these: 0, without a memory of what is faster, where they are longer than the
-        run's steps.
-    """
-
+    #: numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the same
+    #: number of steps, but the first may have less: the value at its end then represents a whole interval.
     steps: np.ndarray
-    places: np.ndarray
-    told: np.ndarray
-    interval: float
+    places: np.ndarray  # places of these among the steps that are kept while a run goes on, shape (n_e,)
+    told: np.ndarray  # which of these are ends of the run's own steps, shape (n_e,)
+    interval: float  # time between two evaluations, s
+    #: of the integration over these: 0, without a memory of what is faster, where they are longer than the run's steps
     spectral_radius: float
 
 

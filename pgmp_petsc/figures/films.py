@@ -30,18 +30,10 @@ FASTEST = 50.0  # pictures a second that a GIF may have: its times are whole hun
 
 @dataclass(frozen=True)
 class Pace:
-    """Which instants a film shows, and how fast.
+    """Which instants a film shows, and how fast."""
 
-    Attributes
-    ----------
-    numbers
-        Of the instants, in their order.
-    rate
-        Pictures a second.
-    """
-
-    numbers: np.ndarray
-    rate: float
+    numbers: np.ndarray  # of the instants, in their order
+    rate: float  # pictures a second
 
     @property
     def seconds(self) -> float:

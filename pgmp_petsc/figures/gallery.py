@@ -41,27 +41,13 @@ N_COLOURS = 256
 
 @dataclass(frozen=True)
 class Portrait:
-    """Picture and curve of a scene.
+    """Picture and curve of a scene."""
 
-    Attributes
-    ----------
-    title
-        Above the picture.
-    output
-        The output whose curve is drawn.
-    exaggeration
-        Factor on the deformation of the shapes.
-    until
-        Instant (s) of the last shape; None for the end of the run. The curve shows all of it.
-    n_instants
-        Number of shapes.
-    """
-
-    title: str
-    output: str
-    exaggeration: float = 1.0
-    until: float | None = None
-    n_instants: int = 9
+    title: str  # above the picture
+    output: str  # the output whose curve is drawn
+    exaggeration: float = 1.0  # factor on the deformation of the shapes
+    until: float | None = None  # instant (s) of the last shape; None for the end of the run. The curve shows all of it.
+    n_instants: int = 9  # number of shapes
 
 
 PORTRAITS = {

@@ -55,18 +55,10 @@ _GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))
 
 @dataclass(frozen=True)
 class TimeColours:
-    """Colours of instants, or of their order, from yellow to dark violet.
+    """Colours of instants, or of their order, from yellow to dark violet."""
 
-    Attributes
-    ----------
-    scale
-        From time (s) to 0 ... 1.
-    colours
-        From there to a colour.
-    """
-
-    scale: Normalize
-    colours: Colormap
+    scale: Normalize  # from time (s) to 0 ... 1
+    colours: Colormap  # from there to a colour
 
     @classmethod
     def over(cls, time: np.ndarray) -> TimeColours:
@@ -84,21 +76,11 @@ class TimeColours:
 
 @dataclass(frozen=True)
 class Shapes:
-    """The shapes of a run as they are shown.
+    """The shapes of a run as they are shown."""
 
-    Attributes
-    ----------
-    frames
-        Where they come from.
-    positions
-        Of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture.
-    oblique
-        Whether they are seen obliquely, because the motion leaves the plane.
-    """
-
-    frames: Frames
-    positions: dict[str, np.ndarray]
-    oblique: bool = False
+    frames: Frames  # where they come from
+    positions: dict[str, np.ndarray]  # of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture
+    oblique: bool = False  # whether they are seen obliquely, because the motion leaves the plane
 
     @classmethod
     def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:

@@ -153,63 +153,32 @@ WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacemen
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Surface or lines drawn of a body.
+    """Surface or lines drawn of a body."""
 
-    Attributes
-    ----------
-    name
-        Of the body.
-    points
-        Where its nodes are drawn, shape (n_f, n_nodes, 3), m.
-    triangles, edges
-        Of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and edges are their
-        lines. A point mass has neither.
-    radius
-        Of beams, m; 0 where it is not known.
-    values
-        What colours it, shape (n_f, n_nodes); None where that is not known.
-    rigid
-        Whether it does not deform.
-    """
-
-    name: str
-    points: np.ndarray
+    name: str  # of the body
+    points: np.ndarray  # where its nodes are drawn, shape (n_f, n_nodes, 3), m
+    #: triangles, edges: of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and
+    #: edges are their lines. A point mass has neither.
     triangles: np.ndarray
     edges: np.ndarray
-    radius: float
-    values: np.ndarray | None
-    rigid: bool
+    radius: float  # of beams, m; 0 where it is not known
+    values: np.ndarray | None  # what colours it, shape (n_f, n_nodes); None where that is not known
+    rigid: bool  # whether it does not deform
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Bodies at some instants.
+    """Bodies at some instants."""
 
-    Attributes
-    ----------
-    skins
-        Of the bodies.
-    captions
-        What is written beside each instant.
-    title, notes
-        Above all of them.
-    quantity
-        What colours bodies, with its unit; empty where nothing does.
-    largest
-        The largest value of the colours, in the unit.
-    scale
-        Of the deformation.
-    peak
-        Number of the instant at which the largest value is reached, the last one where there are no colours.
-    """
-
-    skins: tuple[Skin, ...]
-    captions: list[str]
+    skins: tuple[Skin, ...]  # of the bodies
+    captions: list[str]  # what is written beside each instant
+    #: title, notes: above all of them
     title: str
     notes: list[str] = field(default_factory=list)
-    quantity: str = ""
-    largest: float = 0.0
-    scale: float = 1.0
+    quantity: str = ""  # what colours bodies, with its unit; empty where nothing does
+    largest: float = 0.0  # the largest value of the colours, in the unit
+    scale: float = 1.0  # of the deformation
+    #: number of the instant at which the largest value is reached, the last one where there are no colours
     peak: int = -1
 
     @property

@@ -26,23 +26,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LineMesh(Counted):
-    """Two-node line cells.
+    """Two-node line cells."""
 
-    Parameters
-    ----------
-    nodes : ndarray of float, shape (n_nodes, d)
-        Coordinates in the mesh's own frame (m).
-    cells : ndarray of int, shape (n_cells, 2)
-        The two nodes of each cell.
-    points : dict of str to int
-        The node of each named point.
-    groups : dict of str to int
-        Names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal.
-    """
-
-    nodes: np.ndarray
-    cells: np.ndarray
-    points: dict[str, int] = field(default_factory=dict)
+    nodes: np.ndarray  # coordinates in the mesh's own frame (m)
+    cells: np.ndarray  # the two nodes of each cell
+    points: dict[str, int] = field(default_factory=dict)  # the node of each named point
+    #: names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal
     groups: dict[str, int] = field(default_factory=dict)
 
     kind = "line"  # meshio's name of the cells

@@ -51,17 +51,10 @@ HEAD = 4096  # bytes that tell the format
 
 @dataclass(frozen=True, eq=False)
 class MatrixFile:
-    """A matrix as its file has it.
+    """A matrix as its file has it."""
 
-    Attributes
-    ----------
-    matrix
-        Square, symmetric if the file lists one triangle.
-    rows
-        Node and direction (from 1) of every row, shape (n, 2); None where the file does not say.
-    """
-
-    matrix: sp.csr_matrix
+    matrix: sp.csr_matrix  # square, symmetric if the file lists one triangle
+    #: node and direction (from 1) of every row, shape (n, 2); None where the file does not say
     rows: np.ndarray | None = None
 
 
@@ -349,23 +342,12 @@ NEEDED = "a file of nodes is needed: a mesh, .csv with the columns node, x, y(, 
 
 @dataclass(frozen=True, eq=False)
 class NodeFile:
-    """Nodes in the order of their file.
+    """Nodes in the order of their file."""
 
-    Attributes
-    ----------
-    nodes
-        Shape (n, d), in the file's unit.
-    labels
-        The file's numbers of them, shape (n,).
-    sets
-        Places in `nodes` of the nodes of every set, by name, shape (n_set,).
-    mesh
-        Cells and groups of faces; None where the file has no cells that bodies may be meshed with.
-    """
-
-    nodes: np.ndarray
-    labels: np.ndarray
-    sets: dict[str, np.ndarray]
+    nodes: np.ndarray  # shape (n, d), in the file's unit
+    labels: np.ndarray  # the file's numbers of them, shape (n,)
+    sets: dict[str, np.ndarray]  # places in `nodes` of the nodes of every set, by name, shape (n_set,)
+    #: cells and groups of faces; None where the file has no cells that bodies may be meshed with
     mesh: SolidMesh | None = None
 
     def places_of(self, labels: np.ndarray) -> np.ndarray:

@@ -62,17 +62,10 @@ STIFF = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them.
+    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them."""
 
-    Attributes
-    ----------
-    chi
-        Second derivatives of the displacement in body frames, shape (n_local, n_pairs).
-    third
-        ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs).
-    """
-
-    chi: np.ndarray
+    chi: np.ndarray  # second derivatives of the displacement in body frames, shape (n_local, n_pairs)
+    #: ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs)
     third: dict[Monomial, np.ndarray]
 
 

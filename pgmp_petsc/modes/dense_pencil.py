@@ -192,19 +192,13 @@ class DensePencil:
 
 
 class _Ends(NamedTuple):
-    """The rows of N of the unknowns that constraints touch, at a configuration.
+    """The rows of N of the unknowns that constraints touch, at a configuration."""
 
-    Attributes
-    ----------
-    stays, goes
-        Places of the independent unknowns and of the dependent ones among those touched, shapes (n_stays,), (n_goes,).
-    weights
-        Of the unknowns that stay in those that go, shape (n_goes, n_stays).
-    """
-
+    #: stays, goes: places of the independent unknowns and of the dependent ones among those touched, shapes (n_stays,),
+    #: (n_goes,)
     stays: np.ndarray
     goes: np.ndarray
-    weights: np.ndarray
+    weights: np.ndarray  # of the unknowns that stay in those that go, shape (n_goes, n_stays)
 
     @classmethod
     def of(cls, null: NullSpace, interior: Interior) -> _Ends:
@@ -252,27 +246,16 @@ def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Interior:
-    """The part that is constant over the configurations.
+    """The part that is constant over the configurations."""
 
-    Attributes
-    ----------
-    inner, outer
-        Numbers of the unknowns that no constraint touches and of the others, shapes (n_i,) and (n_o,).
-    factor
-        L, lower, shape (n_i, n_i).
-    coupling
-        X, shape (n_i, n_o).
-    remainder
-        S, shape (n_o, n_o).
-    mass, mixed_mass, outer_mass
-        C, of which the upper triangle is not set, Y and Z, shapes (n_i, n_i), (n_i, n_o) and (n_o, n_o).
-    """
-
+    #: inner, outer: numbers of the unknowns that no constraint touches and of the others, shapes (n_i,) and (n_o,)
     inner: np.ndarray
     outer: np.ndarray
-    factor: np.ndarray
-    coupling: np.ndarray
-    remainder: np.ndarray
+    factor: np.ndarray  # l, lower, shape (n_i, n_i)
+    coupling: np.ndarray  # x, shape (n_i, n_o)
+    remainder: np.ndarray  # s, shape (n_o, n_o)
+    #: mass, mixed_mass, outer_mass: c, of which the upper triangle is not set, Y and Z, shapes (n_i, n_i), (n_i, n_o)
+    #: and (n_o, n_o)
     mass: np.ndarray
     mixed_mass: np.ndarray
     outer_mass: np.ndarray

@@ -38,31 +38,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModeSet:
-    """Rigid and flexible modes at one configuration, local rows, in body frames.
+    """Rigid and flexible modes at one configuration, local rows, in body frames."""
 
-    Attributes
-    ----------
-    theta
-        The configuration, shape (n_theta,), rad.
-    eigenvalues
-        Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
-    rigid
-        ``d rho / d theta``, shape (n_local, n_theta).
-    rigid_curvature
-        ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
-    flexible
-        M-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
-        n_modes).
-    free
-        Numbers of the coordinates that are not prescribed.
-    """
-
-    theta: np.ndarray
-    eigenvalues: np.ndarray
-    rigid: np.ndarray
-    rigid_curvature: np.ndarray
+    theta: np.ndarray  # the configuration, shape (n_theta,), rad
+    eigenvalues: np.ndarray  # of the flexible modes, ascending, shape (n_modes,), (rad/s)^2
+    rigid: np.ndarray  # ``d rho / d theta``, shape (n_local, n_theta)
+    rigid_curvature: np.ndarray  # ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta)
+    #: m-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
+    #: n_modes)
     flexible: np.ndarray
-    free: np.ndarray
+    free: np.ndarray  # numbers of the coordinates that are not prescribed
 
     @property
     def eigenvectors(self) -> np.ndarray:

@@ -109,22 +109,13 @@ def build_rom(
 
 @dataclass(frozen=True)
 class _Way:
-    """How the build of one mechanism goes.
+    """How the build of one mechanism goes."""
 
-    Attributes
-    ----------
-    scramble, checkpoint
-        As of `build_rom`.
-    samples
-        Its configurations, or the first of them; None leaves them to the scene.
-    points
-        Parameter values whose vectors extend the basis; None searches them.
-    """
-
+    #: scramble, checkpoint: as of `build_rom`
     scramble: Callable[[ModeSet], ModeSet]
     checkpoint: BuildCheckpoint | None
-    samples: SampleGrid | None = None
-    points: ParameterPoints | None = None
+    samples: SampleGrid | None = None  # its configurations, or the first of them; None leaves them to the scene
+    points: ParameterPoints | None = None  # parameter values whose vectors extend the basis; None searches them
 
 
 def _condensed_and_built(

@@ -39,18 +39,10 @@ COLUMNS = 4096  # of a table that are fitted together
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:
-    """A piecewise polynomial on a uniform tensor grid, cubic along each axis.
+    """A piecewise polynomial on a uniform tensor grid, cubic along each axis."""
 
-    Attributes
-    ----------
-    axes
-        Grid of every coordinate.
-    rows
-        Samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...).
-    """
-
-    axes: tuple[Axis, ...]
-    rows: np.ndarray
+    axes: tuple[Axis, ...]  # grid of every coordinate
+    rows: np.ndarray  # samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...)
 
     @property
     def n_theta(self) -> int:

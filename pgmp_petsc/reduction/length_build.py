@@ -148,18 +148,10 @@ def _words(values: Mapping[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Gauge:
-    """The basis that all others are expressed in.
+    """The basis that all others are expressed in."""
 
-    Attributes
-    ----------
-    model
-        That it is of.
-    mass
-        M at the nominal lengths and parameters, shape (n_dofs, n_dofs).
-    """
-
-    model: ReducedOrderModel
-    mass: sp.csr_matrix
+    model: ReducedOrderModel  # that it is of
+    mass: sp.csr_matrix  # m at the nominal lengths and parameters, shape (n_dofs, n_dofs)
 
     @classmethod
     def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:

@@ -47,38 +47,23 @@ Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, Stiffn
 
 @dataclass(frozen=True, eq=False)
 class LengthCheck:
-    """How far the family is from a model that was built between its points.
+    """How far the family is from a model that was built between its points."""
 
-    Attributes
-    ----------
-    values
-        Lengths of that model, m.
-    frequencies, inertia
-        Largest difference of the reduced frequencies of the modes at any angle, and of the rigid inertia, as shares.
-    """
-
-    values: dict[str, float]
+    values: dict[str, float]  # lengths of that model, m
+    #: frequencies, inertia: largest difference of the reduced frequencies of the modes at any angle, and of the rigid
+    #: inertia, as shares
     frequencies: float
     inertia: float
 
 
 @dataclass(frozen=True, eq=False)
 class LengthFamily:
-    """Models at the points of a grid of lengths.
+    """Models at the points of a grid of lengths."""
 
-    Attributes
-    ----------
-    grid
-        The grid.
-    members
-        A model of each point, without meshes (`bodies.shape` makes them), all in continuous bases.
-    check
-        Of the family against a model of none of these points.
-    """
-
-    grid: LengthGrid
+    grid: LengthGrid  # the grid
+    #: a model of each point, without meshes (`bodies.shape` makes them), all in continuous bases
     members: tuple[ReducedOrderModel, ...]
-    check: LengthCheck
+    check: LengthCheck  # of the family against a model of none of these points
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run (``scene.values``).

@@ -23,21 +23,11 @@ from pgmp_petsc.scene.lengths import length_names, length_range
 
 @dataclass(frozen=True)
 class LengthGrid:
-    """A tensor grid of Chebyshev points (of the first kind).
+    """A tensor grid of Chebyshev points (of the first kind)."""
 
-    Attributes
-    ----------
-    names
-        Parameters that are lengths or places, sorted.
-    ranges
-        Smallest and largest value of each, m.
-    n_points
-        Along each.
-    """
-
-    names: tuple[str, ...]
-    ranges: tuple[tuple[float, float], ...]
-    n_points: int
+    names: tuple[str, ...]  # parameters that are lengths or places, sorted
+    ranges: tuple[tuple[float, float], ...]  # smallest and largest value of each, m
+    n_points: int  # along each
 
     @classmethod
     def of(cls, scene: Scene) -> LengthGrid:

@@ -40,24 +40,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class MissedAnswers:
-    """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis.
+    """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis."""
 
-    Attributes
-    ----------
-    weights
-        Monomials of the n_w terms of L.
-    dofs
-        Numbers of the unknowns whose answers are kept, increasing, shape (k,).
-    forces
-        ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q).
-    answers
-        ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
-        Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k).
-    """
-
-    weights: tuple[Monomial, ...]
-    dofs: np.ndarray
-    forces: np.ndarray
+    weights: tuple[Monomial, ...]  # monomials of the n_w terms of L
+    dofs: np.ndarray  # numbers of the unknowns whose answers are kept, increasing, shape (k,)
+    forces: np.ndarray  # ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q)
+    #: ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
+    #: Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k)
     answers: np.ndarray
 
     def turned(self, rotations: np.ndarray) -> MissedAnswers:

@@ -41,18 +41,12 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 @dataclass(frozen=True, eq=False)
 class ModeChanges:
-    """Tables of changing modes at n samples.
+    """Tables of changing modes at n samples."""
 
-    Attributes
-    ----------
-    gyroscopic
-        Skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
-        the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
-    spread
-        Symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta).
-    """
-
+    #: skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
+    #: the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
     gyroscopic: np.ndarray
+    #: symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta)
     spread: np.ndarray
 
 
@@ -120,18 +114,10 @@ def _turned(
 
 @dataclass(frozen=True, eq=False)
 class StiffnessChanges:
-    """Influences of all loads on the stiffness of the modes at the samples.
+    """Influences of all loads on the stiffness of the modes at the samples."""
 
-    Attributes
-    ----------
-    influence
-        Shape (n, n_modes, n_columns), modes in ascending order at every sample.
-    stiffness
-        ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes).
-    """
-
-    influence: np.ndarray
-    stiffness: np.ndarray
+    influence: np.ndarray  # shape (n, n_modes, n_columns), modes in ascending order at every sample
+    stiffness: np.ndarray  # ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes)
 
     def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
         """Append a second revolution of some coordinates, on which the influences are the same."""

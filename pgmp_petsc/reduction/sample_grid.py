@@ -12,22 +12,13 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Sampled values of a coordinate.
+    """Sampled values of a coordinate."""
 
-    Attributes
-    ----------
-    theta
-        Increasing, shape (n,), rad.
-    lower, upper
-        The range, rad; a periodic one is closed: its upper end is its lower end again and is no sample.
-    periodic
-        Whether the coordinate is periodic.
-    """
-
-    theta: np.ndarray
+    theta: np.ndarray  # increasing, shape (n,), rad
+    #: lower, upper: the range, rad; a periodic one is closed: its upper end is its lower end again and is no sample
     lower: float
     upper: float
-    periodic: bool
+    periodic: bool  # whether the coordinate is periodic
 
     @classmethod
     def uniform(cls, lower: float, upper: float, n: int, periodic: bool) -> Samples:
@@ -72,15 +63,9 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class SampleGrid:
-    """Sampled configurations; the last coordinate runs fastest.
+    """Sampled configurations; the last coordinate runs fastest."""
 
-    Attributes
-    ----------
-    axes
-        Samples of every coordinate, in the order of the mechanism's coordinates.
-    """
-
-    axes: tuple[Samples, ...]
+    axes: tuple[Samples, ...]  # samples of every coordinate, in the order of the mechanism's coordinates
 
     def __iter__(self) -> Iterator[Samples]:
         return iter(self.axes)
@@ -146,21 +131,12 @@ class SampleGrid:
 
 @dataclass(frozen=True)
 class ParameterPoints:
-    """The points of a greedy choice.
+    """The points of a greedy choice."""
 
-    Attributes
-    ----------
-    values
-        Values of the parameters, shape (n_points,) each.
-    missed
-        Largest share of the energy norm that the basis misses at any candidate: before, and with each further point.
-    n_vectors
-        Number of vectors that the basis takes from them.
-    """
-
-    values: dict[str, np.ndarray]
+    values: dict[str, np.ndarray]  # values of the parameters, shape (n_points,) each
+    #: largest share of the energy norm that the basis misses at any candidate: before, and with each further point
     missed: np.ndarray
-    n_vectors: int
+    n_vectors: int  # number of vectors that the basis takes from them
 
     @property
     def points(self) -> list[dict[str, float]]:

@@ -32,18 +32,12 @@ CURE = "build with distributions, or bounds, that hold them (pgmp build SCENE)"
 
 @dataclass(frozen=True)
 class Served:
-    """Values of a parameter that a reduced model serves.
+    """Values of a parameter that a reduced model serves."""
 
-    Attributes
-    ----------
-    low, high
-        Ends of the range that is served without a warning.
-    least, most
-        Ends beyond which it is refused.
-    """
-
+    #: low, high: ends of the range that is served without a warning
     low: float
     high: float
+    #: least, most: ends beyond which it is refused
     least: float
     most: float
 

@@ -112,17 +112,10 @@ ROUND_OFF = 1e-10  # mean squares below this share of the largest one
 
 @dataclass(frozen=True, eq=False)
 class Compression:
-    """The vectors that a basis takes from the snapshots.
+    """The vectors that a basis takes from the snapshots."""
 
-    Attributes
-    ----------
-    matrix
-        C, shape (n_snapshots, n_parameter).
-    flips
-        Whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, n_parameter).
-    """
-
-    matrix: np.ndarray
+    matrix: np.ndarray  # c, shape (n_snapshots, n_parameter)
+    #: whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, n_parameter)
     flips: np.ndarray
 
     @classmethod
@@ -258,24 +251,13 @@ class _Shares:
 
 @dataclass(frozen=True, eq=False)
 class _Configuration:
-    """Products of the kept vectors V and of X, what they leave of all snapshots, at one configuration.
+    """Products of the kept vectors V and of X, what they leave of all snapshots, at one configuration."""
 
-    Attributes
-    ----------
-    n_kept
-        Number of kept flexible vectors.
-    mass
-        ``X^T M X`` at the nominal parameters, shape (n_candidates, q, n_candidates, q).
-    stiffness
-        ``W^T K_c W`` at every candidate c with W = [V, X], each of shape (w, w).
-    coefficients
-        ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains
-        nothing), shape (n_kept, n_candidates q).
-    """
-
-    n_kept: int
-    mass: np.ndarray
-    stiffness: tuple[np.ndarray, ...]
+    n_kept: int  # number of kept flexible vectors
+    mass: np.ndarray  # ``X^T M X`` at the nominal parameters, shape (n_candidates, q, n_candidates, q)
+    stiffness: tuple[np.ndarray, ...]  # ``W^T K_c W`` at every candidate c with W = [V, X], each of shape (w, w)
+    #: ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains nothing),
+    #: shape (n_kept, n_candidates q)
     coefficients: np.ndarray
 
     @classmethod

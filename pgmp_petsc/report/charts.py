@@ -48,28 +48,17 @@ _SVG = {"svg.fonttype": "none", "axes.titlesize": 9.5, "figure.facecolor": "none
 
 @dataclass(frozen=True)
 class Chart:
-    """A picture.
+    """A picture."""
 
-    Attributes
-    ----------
-    svg
-        Its element.
-    title, caption
-        Above and below it.
-    axis
-        Of charts over time: left and right end of the axis and its lower and upper end in the SVG's own unit, and the
-        instants (s) at both ends; empty for others.
-    output
-        Name of the output that it shows, where it shows one over time.
-    factor, unit
-        Of that output: the picture's unit, and how many of it the file's unit is.
-    """
-
-    svg: str
+    svg: str  # its element
+    #: title, caption: above and below it
     title: str
     caption: str = ""
+    #: of charts over time: left and right end of the axis and its lower and upper end in the SVG's own unit, and the
+    #: instants (s) at both ends; empty for others
     axis: tuple[float, ...] = ()
-    output: str = ""
+    output: str = ""  # name of the output that it shows, where it shows one over time
+    #: factor, unit: of that output: the picture's unit, and how many of it the file's unit is
     factor: float = 1.0
     unit: str = ""
 

@@ -429,21 +429,11 @@ MOST_NUMBERS = 400_000  # of a table: about 8 MB; the files have the rest
 
 @dataclass(frozen=True)
 class Download:
-    """A file within the page.
+    """A file within the page."""
 
-    Attributes
-    ----------
-    name
-        Under which it is saved.
-    about
-        What is in it.
-    address
-        ``data:`` address with the content.
-    """
-
-    name: str
-    about: str
-    address: str
+    name: str  # under which it is saved
+    about: str  # what is in it
+    address: str  # ``data:`` address with the content
 
 
 def downloads_of(source: Source) -> list[Download]:

@@ -47,23 +47,14 @@ class ModeShape:
 
     Parameters
     ----------
-    record : RunRecord
-        Of the reduced model that it is of.
-    number : int
-        From 1, rigid motion left out.
     frequency_hz : float
-    configuration : str
-        In words: ``theta = 0 rad``.
-    fields : dict of str to BodyField
-        One frame: ``positions`` are those of the undeformed body, ``deformation`` is the displacement of the mode, 1 m
-        at its largest, and quantities are those of that displacement.
-    notes : tuple of str
-        What is left out.
     """
 
-    record: RunRecord
-    number: int
+    record: RunRecord  # of the reduced model that it is of
+    number: int  # from 1, rigid motion left out
     frequency_hz: float
-    configuration: str
+    configuration: str  # in words: ``theta = 0 rad``
+    #: one frame: ``positions`` are those of the undeformed body, ``deformation`` is the displacement of the mode, 1 m
+    #: at its largest, and quantities are those of that displacement
     fields: dict[str, BodyField]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what is left out

@@ -134,30 +134,15 @@ class FrameTable(Record):
 
 @dataclass(frozen=True)
 class Frames(Record):
-    """Shapes of the mechanism at some instants, body by body.
+    """Shapes of the mechanism at some instants, body by body."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (n_f,)
-        Instants, s.
-    positions : dict of str to ndarray, shape (n_f, n_nodes, d)
-        Deformed positions of each body's nodes in the ground frame, m.
-    rotations : dict of str to ndarray, shape (n_f, n_nodes), in space (n_f, n_nodes, 3)
-        Rotation of each body's nodes, rad; in space axis times angle.
-    nodes : dict of str to ndarray, shape (n_nodes, d)
-        Undeformed nodes in the body's frame, m; of rigid bodies those of the mesh that gives their shape.
-    cells : dict of str to ndarray of int, shape (n_cells, 2)
-        Line cells, numbered within the body.
-    rigid : frozenset of str
-        The bodies that do not deform.
-    """
-
-    time: np.ndarray
-    positions: dict[str, np.ndarray]
-    rotations: dict[str, np.ndarray]
+    time: np.ndarray  # instants, s
+    positions: dict[str, np.ndarray]  # deformed positions of each body's nodes in the ground frame, m
+    rotations: dict[str, np.ndarray]  # rotation of each body's nodes, rad; in space axis times angle
+    #: undeformed nodes in the body's frame, m; of rigid bodies those of the mesh that gives their shape
     nodes: dict[str, np.ndarray]
-    cells: dict[str, np.ndarray]
-    rigid: frozenset[str] = frozenset()
+    cells: dict[str, np.ndarray]  # line cells, numbered within the body
+    rigid: frozenset[str] = frozenset()  # the bodies that do not deform
     STORED = FrameTable
 
     @property

@@ -151,30 +151,14 @@ _MISFITS = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError,
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Where a result came from: enough to repeat the run.
+    """Where a result came from: enough to repeat the run."""
 
-    Parameters
-    ----------
-    scene_toml : str
-        The resolved scene.
-    parameters : dict of str to float
-        Values that the run used, SI units (for an ensemble the nominal ones).
-    seed : int or None
-        Seed of the random streams, None where nothing is random.
-    ranks : int
-        Number of MPI ranks.
-    timings : dict of str to float
-        Wall time a phase, s.
-    remarks : tuple of Remark
-        What the reader of the result has to know.
-    """
-
-    scene_toml: str
-    parameters: dict[str, float]
-    seed: int | None
-    ranks: int
-    timings: dict[str, float] = field(default_factory=dict)
-    remarks: tuple[Remark, ...] = ()
+    scene_toml: str  # the resolved scene
+    parameters: dict[str, float]  # values that the run used, SI units (for an ensemble the nominal ones)
+    seed: int | None  # seed of the random streams, None where nothing is random
+    ranks: int  # number of MPI ranks
+    timings: dict[str, float] = field(default_factory=dict)  # wall time a phase, s
+    remarks: tuple[Remark, ...] = ()  # what the reader of the result has to know
 
     def write(self, file: h5py.File) -> None:
         """Write the record into the root attributes and ``/timings`` of an open file."""

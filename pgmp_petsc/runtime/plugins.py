@@ -17,21 +17,11 @@ SHOWN = 12  # characters of a checksum in messages
 
 @dataclass(frozen=True)
 class Plugin:
-    """A file outside the package that declares ideas.
+    """A file outside the package that declares ideas."""
 
-    Attributes
-    ----------
-    name
-        What files call it: ``damper.py``, or the module of an installed package.
-    path
-        Where it is.
-    sha256
-        Of its bytes, as a hexadecimal number.
-    """
-
-    name: str
-    path: str
-    sha256: str
+    name: str  # what files call it: ``damper.py``, or the module of an installed package
+    path: str  # where it is
+    sha256: str  # of its bytes, as a hexadecimal number
 
 
 #: Plugins by the table of the scene and the type of each of their ideas.

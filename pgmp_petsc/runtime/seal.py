@@ -80,27 +80,13 @@ class BrokenSeal(Exception):
 
 @dataclass(frozen=True)
 class Seal:
-    """Contents of a seal.
+    """Contents of a seal."""
 
-    Parameters
-    ----------
-    kind
-        What the file holds.
-    format
-        Version of the layout of that kind.
-    run
-        Identity of the run that the file belongs to, where it is a piece of one.
-    bytes
-        Length of the whole file.
-    sha256
-        Checksum, hexadecimal.
-    """
-
-    kind: str
-    format: int
-    run: str = ""
-    bytes: int = 0
-    sha256: str = ""
+    kind: str  # what the file holds
+    format: int  # version of the layout of that kind
+    run: str = ""  # identity of the run that the file belongs to, where it is a piece of one
+    bytes: int = 0  # length of the whole file
+    sha256: str = ""  # checksum, hexadecimal
 
     def packed(self) -> bytes:
         """Return the first `SIZE` bytes of the file."""

@@ -25,15 +25,9 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Steps:
-    """The ledger of a folder; by one process only.
+    """The ledger of a folder; by one process only."""
 
-    Attributes
-    ----------
-    folder
-        Of the job's files.
-    """
-
-    folder: Path
+    folder: Path  # of the job's files
 
     @contextmanager
     def held(self) -> Iterator[None]:

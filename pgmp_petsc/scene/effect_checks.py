@@ -241,22 +241,13 @@ def _part(effect: OverTime, parameter: str | None) -> OverTime:
 
 @dataclass(frozen=True)
 class Impulse:
-    """Integrals of a table over a run, in its unit times s.
+    """Integrals of a table over a run, in its unit times s."""
 
-    Attributes
-    ----------
-    exact, seen
-        Of the table, and of its values at the ends of steps by the trapezoidal rule.
-    whole
-        Of its magnitude.
-    largest
-        Largest magnitude at the end of a step, in the table's unit.
-    """
-
+    #: exact, seen: of the table, and of its values at the ends of steps by the trapezoidal rule
     exact: float
     seen: float
-    whole: float
-    largest: float
+    whole: float  # of its magnitude
+    largest: float  # largest magnitude at the end of a step, in the table's unit
 
 
 def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:

@@ -198,18 +198,10 @@ def inline_toml(value: object) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One strange entry.
+    """One strange entry."""
 
-    Attributes
-    ----------
-    text
-        Name of the entry, its value, what is strange about it and the cure.
-    refused
-        Whether it cannot be meant; otherwise it may be, and the scene is computed with a warning.
-    """
-
-    text: str
-    refused: bool = False
+    text: str  # name of the entry, its value, what is strange about it and the cure
+    refused: bool = False  # whether it cannot be meant; otherwise it may be, and the scene is computed with a warning
 
 
 def doubt(entry: str, reason: str, *received: object) -> Finding:

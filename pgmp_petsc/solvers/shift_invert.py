@@ -112,21 +112,11 @@ SPARE_PAIRS = 3  # computed beyond those asked for, to find a gap for the count
 
 @dataclass(frozen=True)
 class EigenPairs:
-    """Lowest eigenpairs, ascending, rigid ones included.
+    """Lowest eigenpairs, ascending, rigid ones included."""
 
-    Attributes
-    ----------
-    values
-        Shape (n_pairs,), (rad/s)^2.
-    vectors
-        B-orthonormal, local rows: shape (n_local, n_pairs).
-    spare
-        The eigenvalues found beyond, ascending.
-    """
-
-    values: np.ndarray
-    vectors: np.ndarray
-    spare: np.ndarray
+    values: np.ndarray  # shape (n_pairs,), (rad/s)^2
+    vectors: np.ndarray  # b-orthonormal, local rows: shape (n_local, n_pairs)
+    spare: np.ndarray  # the eigenvalues found beyond, ascending
 
 
 class ShiftInvertSolver:
