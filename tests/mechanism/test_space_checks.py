@@ -1,7 +1,5 @@
 """What a scene may not say of continuum bodies, and of the plane in space and of space in the plane."""
 
-from __future__ import annotations
-
 import pytest
 from conftest import ROOT
 from refusals import cases, check_said

@@ -1,7 +1,5 @@
 """Distributions beside those of scipy.stats: discrete, empirical, mixtures, tables of slow ones; what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a scene may not say of effects, rigid bodies and welds: the entry, what was received, what is allowed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

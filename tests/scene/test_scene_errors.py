@@ -1,7 +1,5 @@
 """What a scene may not say: every refusal names the entry, what was received and what is allowed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
