@@ -6,8 +6,7 @@ import numpy as np
 import synthetic
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.trajectory import BodyField
+from pgmp_petsc.results import BodyField, Trajectory
 
 
 def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> BodyField:

@@ -12,7 +12,8 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
+from pgmp_petsc.mesh import read_line_mesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -21,7 +22,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
-from scenes import HEADER, WEIGHT, beam, joint, meshes_of, placed, reduction, slide, torque, turning
+from scenes import HEADER, meshes_of, tables
 
 MOST_ROMS = 40  # that are kept, of some megabytes each
 _ROMS: dict[tuple[str, Path], ReducedOrderModel] = {}
@@ -44,20 +45,23 @@ PGMP = ("-m", "pgmp_petsc.cli.main")
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
 
 # A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
-QUICK_RETURN = (
-    HEADER
-    + "[ground.points]\npivot = [0.0, -0.4]\n[parameters.r1]\nnominal = 5.6e-3\n"
-    + beam("crank", "0.0:0.2:3", '"r1"')
-    + beam("rocker", "0.0:0.8:4", "4e-3", placed(0.0, -0.4, 1.1))
-    + joint("crank_hinge", "ground:origin", "crank:hinge")
-    + joint("rocker_hinge", "ground:pivot", "rocker:hinge")
-    + slide("pin", "rocker:2", "crank:tip")
-    + turning("theta", "crank_hinge")
-    + torque("crank_hinge", "[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]")
-    + WEIGHT
-    + reduction(4, 24)
-    + "[simulation]\nduration = 0.2\nstep = 1e-3\n[simulation.initial.theta]\nposition = 0.3\nvelocity = 4.0\n"
-)
+QUICK_RETURN = HEADER + tables("""
+ground.points: pivot = [0.0, -0.4]
+parameters.r1: nominal = 5.6e-3
+bodies.crank: mesh = "0.0:0.2:3"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = "r1" }
+bodies.rocker: mesh = "0.0:0.8:4"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 4e-3 }; placement = { origin = [0.0, -0.4], angle = 1.1 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.rocker_hinge: type = "revolute"; connect = ["ground:pivot", "rocker:hinge"]
+joints.pin: type = "point_on_line"; connect = ["rocker:2", "crank:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]
+effects.weight: type = "gravity"
+reduction: modes = 4; angles = 24
+simulation: duration = 0.2; step = 1e-3
+simulation.initial.theta: position = 0.3; velocity = 4.0
+""")
 
 
 def quick_return(*overrides: str) -> Scene:

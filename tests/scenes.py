@@ -5,6 +5,8 @@ of the body's own frame, from x = first to x = last (m). `meshes_of` makes the m
 tip.
 """
 
+import re
+
 import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -14,116 +16,73 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 
 CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0}
-FULL_TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 SHEAR_FACTOR = 6 * 1.3 / (7 + 6 * 0.3)  # of a circle, nu = 0.3
 
-HEADER = """
-[scene]
-name = "test"
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 7800.0
-"""
+
+def tables(text: str) -> str:
+    """Return TOML of lines ``table: entry; entry``; a line that ends in a semicolon goes on, indented, in the next."""
+    lines = re.compile(r"^([\w.]+): (.*(?:(?<=;)\n +.*)*)$", re.MULTILINE)
+    return lines.sub(lambda row: "\n".join([f"[{row[1]}]", *re.split(r";\s+", row[2])]), text)
 
 
-def beam(name: str, mesh: str, radius: str, more: str = "", element: str = "beam2d") -> str:
-    """Return the table of a round beam of steel; the radius as TOML writes it."""
-    section = f'section = {{ shape = "circle", radius = {radius} }}'
-    return f'[bodies.{name}]\nmesh = "{mesh}"\nelement = "{element}"\nmaterial = "steel"\n{section}\n{lined(more)}'
+HEADER = tables("""
+scene: name = "test"
+materials.steel: E = 210e9; nu = 0.3; rho = 7800.0
+""")
 
+SLIDER_CRANK = HEADER + tables("""
+parameters.r1: nominal = 5.6e-3; unit = "m"
+bodies.crank: mesh = "0.0:0.3:5"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = "r1" }
+bodies.rod: mesh = "0.3:1.0:5"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5.6e-3 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
+reduction: modes = 5; angles = 24
+""")
 
-def joint(name: str, a: str, b: str, more: str = "", kind: str = "revolute") -> str:
-    """Return the table of a joint between two points."""
-    return f'[joints.{name}]\ntype = "{kind}"\nconnect = ["{a}", "{b}"]\n{lined(more)}'
+PENDULUM = HEADER + tables("""
+bodies.arm: mesh = "0.0:1.0:10"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 2e-4 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
+coordinates.phi: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 2; angles = 6
+""")
 
-
-def slide(name: str, a: str, b: str, direction: str = "[1.0, 0.0]") -> str:
-    """Return the table of a joint that keeps point b on a line through point a."""
-    return joint(name, a, b, f"direction = {direction}", "point_on_line")
-
-
-def turning(name: str, joint: str, area: str = FULL_TURN) -> str:
-    """Return the table of a coordinate, the angle of a joint."""
-    return f'[coordinates.{name}]\njoint = "{joint}"\n{area}\n'
-
-
-def torque(joint: str, table: str = "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]") -> str:
-    """Return the table of a motor at a joint."""
-    return f'[effects.motor]\ntype = "torque"\njoint = "{joint}"\ntable = {table}\n'
-
-
-def reduction(modes: int, angles: int) -> str:
-    return f"[reduction]\nmodes = {modes}\nangles = {angles}\n"
-
-
-def placed(x: float, y: float, angle: float) -> str:
-    """Return the entry of a body's placement."""
-    return f"placement = {{ origin = [{x}, {y}], angle = {angle} }}"
-
-
-def lined(text: str) -> str:
-    return text and text + "\n"
-
-
-def output(name: str, kind: str, **entries: str) -> str:
-    """Return the table of an output whose entries are texts."""
-    return f'[outputs.{name}]\ntype = "{kind}"\n' + "".join(f'{key} = "{text}"\n' for key, text in entries.items())
-
-
-WEIGHT = '[effects.weight]\ntype = "gravity"\n'
-OUTPUTS = output("crank_angle", "angle", joint="crank_hinge") + output(
-    "slider_deformation", "deformation", point="rod:tip", axis="x"
-)
-RADIUS_OF_CRANK = '[parameters.r1]\nnominal = 5.6e-3\nunit = "m"\n'
-SLIDER_CRANK = (
-    HEADER
-    + RADIUS_OF_CRANK
-    + beam("crank", "0.0:0.3:5", '"r1"')
-    + beam("rod", "0.3:1.0:5", "5.6e-3")
-    + joint("crank_hinge", "ground:origin", "crank:hinge")
-    + joint("elbow", "crank:tip", "rod:hinge")
-    + slide("slider", "ground:origin", "rod:tip")
-    + turning("theta", "crank_hinge")
-    + torque("crank_hinge")
-    + reduction(5, 24)
-)
-PENDULUM = (
-    HEADER
-    + beam("arm", "0.0:1.0:10", "2e-4")
-    + joint("hinge", "ground:origin", "arm:hinge")
-    + turning("phi", "hinge")
-    + reduction(2, 6)
-)
 # ground 1 m, crank 0.3 m, coupler 0.9 m, rocker 0.7 m: the crank turns all the way round (Grashof)
-FOUR_BAR = (
-    HEADER
-    + "[ground.points]\npivot = [1.0, 0.0]\n"
-    + beam("crank", "0.0:0.3:2", "5e-3")
-    + beam("coupler", "0.0:0.9:2", "5e-3", placed(0.3, 0.0, 0.8))
-    + beam("rocker", "0.0:0.7:2", "5e-3", placed(1.0, 0.0, 1.5)).replace(
-        '"circle", radius = 5e-3', '"rectangle", width = 1e-2, height = 5e-3'
-    )
-    + joint("crank_hinge", "ground:origin", "crank:hinge")
-    + joint("elbow", "crank:tip", "coupler:hinge")
-    + joint("knee", "coupler:tip", "rocker:tip")
-    + joint("rocker_hinge", "rocker:hinge", "ground:pivot")
-    + turning("theta", "crank_hinge")
-    + reduction(4, 24)
-)
-# A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle: one constraint
-# is redundant without being the repetition of another. The angle between them is back after half a turn of the rod.
-TRAMMEL = (
-    HEADER
-    + beam("rod", "0.0:1.0:4", "5e-3", placed(1.0, 0.0, np.pi))
-    + beam("crank", "0.0:0.5:2", "5e-3")
-    + slide("along_x", "ground:origin", "rod:hinge")
-    + slide("along_y", "ground:origin", "rod:tip", "[0.0, -2.0]")
-    + joint("crank_hinge", "ground:origin", "crank:hinge")
-    + joint("middle", "rod:2", "crank:tip")
-    + turning("theta", "crank_hinge")
-    + reduction(3, 16)
-)
+FOUR_BAR = HEADER + tables("""
+ground.points: pivot = [1.0, 0.0]
+bodies.crank: mesh = "0.0:0.3:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }
+bodies.coupler: mesh = "0.0:0.9:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }; placement = { origin = [0.3, 0.0], angle = 0.8 }
+bodies.rocker: mesh = "0.0:0.7:2"; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 1e-2, height = 5e-3 }; placement = { origin = [1.0, 0.0], angle = 1.5 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
+joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
+joints.rocker_hinge: type = "revolute"; connect = ["rocker:hinge", "ground:pivot"]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 4; angles = 24
+""")
+
+# A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank
+# follows from the rod, so one constraint is redundant without being the repetition of another. The angle between crank
+# and rod is twice the rod's angle, so that it is back after half a turn of the rod.
+TRAMMEL = HEADER + tables("""
+bodies.rod: mesh = "0.0:1.0:4"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 5e-3 };
+    placement = { origin = [1.0, 0.0], angle = 3.141592653589793 }
+bodies.crank: mesh = "0.0:0.5:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }
+joints.along_x: type = "point_on_line"; connect = ["ground:origin", "rod:hinge"]; direction = [1.0, 0.0]
+joints.along_y: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [0.0, -2.0]
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.middle: type = "revolute"; connect = ["rod:2", "crank:tip"]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 3; angles = 16
+""")
 
 
 def slider_crank(*overrides: str) -> Scene:

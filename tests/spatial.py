@@ -14,46 +14,40 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import FULL_TURN as TURN
-from scenes import HEADER, joint, reduction, slide, turning
+from scenes import HEADER, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
-ABOUT_Z = "axis = [0.0, 0.0, 1.0]"
-
-
-def bar_of_cells(name: str, mesh: str) -> str:
-    """Return the table of a bar of steel of solid elements."""
-    return f'[bodies.{name}]\nmesh = "{mesh}"\nelement = "solid3d"\nmaterial = "steel"\n'
-
+TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
-SLIDER_CRANK = (
-    HEADER
-    + bar_of_cells("crank", "0.0:0.3:2")
-    + bar_of_cells("rod", "0.3:1.0:3")
-    + joint("crank_hinge", "ground:origin", "crank:hinge", ABOUT_Z)
-    + joint("elbow", "crank:tip", "rod:hinge", ABOUT_Z)
-    + slide("slider", "ground:origin", "rod:tip", "[1.0, 0.0, 0.0]")
-    + turning("theta", "crank_hinge")
-    + reduction(4, 16)
-)
+SLIDER_CRANK = HEADER + tables(f"""
+bodies.crank: mesh = "0.0:0.3:2"; element = "solid3d"; material = "steel"
+bodies.rod: mesh = "0.3:1.0:3"; element = "solid3d"; material = "steel"
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
+coordinates.theta: joint = "crank_hinge"
+{TURN}
+reduction: modes = 4; angles = 16
+""")
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
 SECOND_AXIS = np.array([0.6, 0.0, 0.8])
-ARM = (
-    HEADER
-    + bar_of_cells("upper", f"0.0:{UPPER}:2")
-    + bar_of_cells("lower", f"0.0:{LOWER}:2")
-    + joint("shoulder", "ground:origin", "upper:hinge", ABOUT_Z)
-    + joint("elbow", "upper:tip", "lower:hinge", f"axis = {SECOND_AXIS.tolist()}")
-    + turning("theta1", "shoulder")
-    + turning("theta2", "elbow")
-    + reduction(3, 6)
-)
+ARM = HEADER + tables(f"""
+bodies.upper: mesh = "0.0:{UPPER}:2"; element = "solid3d"; material = "steel"
+bodies.lower: mesh = "0.0:{LOWER}:2"; element = "solid3d"; material = "steel"
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = {SECOND_AXIS.tolist()}
+coordinates.theta1: joint = "shoulder"
+{TURN}
+coordinates.theta2: joint = "elbow"
+{TURN}
+reduction: modes = 3; angles = 6
+""")
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
@@ -117,7 +111,7 @@ def solid(
     name: str, length: float, origin: Sequence[float] | None = None, rotation: Sequence[float] | None = None
 ) -> str:
     """Return the table of a bar of steel, and its placement."""
-    text = bar_of_cells(name, f"0.0:{length!r}:1")
+    text = table(f"bodies.{name}", mesh=f"0.0:{length!r}:1", element="solid3d", material="steel")
     if origin is None:
         return text
     return text + table(
@@ -127,7 +121,8 @@ def solid(
 
 def assembled(*tables: str, joint: str = "drive", coordinate: str = TURN) -> Scene:
     """Return a scene of tables with one coordinate, the angle of a joint."""
-    return scene_from_toml(HEADER + "".join(tables) + turning("theta", joint, coordinate), ".")
+    text = HEADER + "".join(tables) + f'[coordinates.theta]\njoint = "{joint}"\n{coordinate}\n'
+    return scene_from_toml(text, ".")
 
 
 def slider_place(theta: np.ndarray) -> np.ndarray:

@@ -6,9 +6,9 @@ from mpi4py import MPI
 
 from pgmp_petsc.bench.sweep import Sweep
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
-from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import OUTPUTS, SLIDER_CRANK, meshes_of
+from scenes import SLIDER_CRANK, meshes_of, tables
 
 # the fewest settings in which every kind of line occurs
 TINY = Sweep(
@@ -45,6 +45,10 @@ LEAST = replace(
     surfaces=0,
     finer=0,
 )
+OUTPUTS = tables("""
+outputs.crank_angle: type = "angle"; joint = "crank_hinge"
+outputs.slider_deformation: type = "deformation"; point = "rod:tip"; axis = "x"
+""")
 SMALL = (
     "reduction.modes=4",
     "reduction.angles=24",

@@ -15,7 +15,7 @@ from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene

@@ -18,9 +18,7 @@ from conftest import ROOT
 from runs import IN_TURN, PGMP, overridden
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 
 BEAMS, SOLIDS = (str(ROOT / "scenes" / f"{name}.toml") for name in ("slider_crank", "slider_crank_solid2d"))
 FEW = overridden("reduction.modes=3", "reduction.angles=4", "simulation.duration=0.01", "simulation.step=1e-3")

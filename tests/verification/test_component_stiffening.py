@@ -35,15 +35,14 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.studies.simulate import simulate_full
+from scenes import tables
 
 # the fundamental frequency in the plane of rotation over the spin, in units of sqrt(EI / rho A L^4); published
 PUBLISHED = [(0.0, 3.516), (4.0, 3.898), (10.0, 5.049)]
-STIFFENING = """
-[effects.stiffening]
-type = "geometric_stiffening"
-[effects.shapes]
-type = "mode_inertia"
-"""
+STIFFENING = tables("""
+effects.stiffening: type = "geometric_stiffening"
+effects.shapes: type = "mode_inertia"
+""")
 SPIN_UP = ROOT / "scenes" / "spinning_beam.toml"
 STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA, m
 
@@ -79,25 +78,14 @@ def spinning(
     """Return a cantilever that spins at a constant speed and is pushed across for half a period of its bending."""
     push = 0.5 * np.pi / 3.5
     return make(
-        f"""
+        tables(f"""
 {STIFFENING if stiffened else ""}
-[effects.push]
-type = "force"
-point = "beam:tip"
-direction = {list(direction)}
-follows = true
-table = [[0.0, 0.0], [{push}, 1e-3], [{2 * push}, 0.0], [100.0, 0.0]]
-[outputs.tip]
-type = "deformation"
-point = "beam:tip"
-axis = "{"xyz"[int(np.argmax(direction))]}"
-frame = "body"
-[reduction]
-modes = 4
-[simulation]
-duration = {duration}
-step = 5e-3
-""",
+effects.push: type = "force"; point = "beam:tip"; direction = {list(direction)}; follows = true;
+    table = [[0.0, 0.0], [{push}, 1e-3], [{2 * push}, 0.0], [100.0, 0.0]]
+outputs.tip: type = "deformation"; point = "beam:tip"; axis = "{"xyz"[int(np.argmax(direction))]}"; frame = "body"
+reduction: modes = 4
+simulation: duration = {duration}; step = 5e-3
+"""),
         f"effects.hold.constant_speed.speed={spin}",
     )
 

@@ -23,11 +23,11 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import HEADER, mechanism_of, slider_crank
+from scenes import HEADER, mechanism_of, slider_crank, tables
 
 N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
 DAMPING = 'effects.friction={type="structural_damping", stiffness=2e-5, mass=0.5}'
@@ -111,9 +111,9 @@ def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float)
     density, (crank, rod) = 7800.0 * 9.81 * np.pi * 5.6e-3**2, (0.3, 0.7)
     turn = crank * np.cos(theta)
     power = -density * (crank * 0.5 * turn + rod * 0.5 * turn)
-    for tables in (found, expected):
+    for own in (found, expected):
         # answers to body forces are condensed to 1e-10 as well
-        assert tables["load"][1, 0] == pytest.approx(power, rel=1e-9)
+        assert own["load"][1, 0] == pytest.approx(power, rel=1e-9)
 
 
 # half of the crank is of another material, whose modulus is uncertain
@@ -145,28 +145,13 @@ def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str)
     assert np.abs(found[0] / found[1] - 1).max() > 1e-3
 
 
-HINGED = (
-    HEADER
-    + """
-[bodies.arm]
-mesh = "none"
-element = "solid2d"
-material = "steel"
-thickness = 0.01
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "arm:left"]
-[coordinates.phi]
-joint = "hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.weight]
-type = "gravity"
-[simulation]
-duration = 0.1
-step = 2e-3
-"""
-)
+HINGED = HEADER + tables("""
+bodies.arm: mesh = "none"; element = "solid2d"; material = "steel"; thickness = 0.01
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:left"]
+coordinates.phi: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.weight: type = "gravity"
+simulation: duration = 0.1; step = 2e-3
+""")
 
 
 def test_a_bar_that_a_single_frame_holds() -> None:

@@ -17,8 +17,7 @@ from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.results import Derivatives
-from pgmp_petsc.results.gradients import Design, Fit
+from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.edge_search import EventLocation

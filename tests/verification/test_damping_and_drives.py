@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_distributed, run_of, scene_of
 
-from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects import Motion
 
 # a beam hinged at its middle: its antisymmetric free modes feel nothing of the hinge
 SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]

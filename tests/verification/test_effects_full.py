@@ -25,17 +25,16 @@ from effect_scenes import (
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
+from scenes import tables
+
 
 def test_a_harmonic_torque() -> None:
     run = recorded(
         bar(
-            """
-[effects.motor]
-type = "torque"
-joint = "hinge"
-harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }
-scale = 1.5
-""",
+            tables("""
+effects.motor: type = "torque"; joint = "hinge";
+    harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }; scale = 1.5
+"""),
             0.5,
             velocity=0.3,
         )
@@ -52,13 +51,9 @@ def test_a_force_that_keeps_its_direction(point: str) -> None:
     """On the centre of mass it is a load, elsewhere an action; in the hinge it does nothing."""
     run = recorded(
         bar(
-            f"""
-[effects.push]
-type = "force"
-point = "{point}"
-direction = [3.0, 4.0]
-table = [[0.0, 0.0], [0.5, 2.0]]
-""",
+            tables(f"""
+effects.push: type = "force"; point = "{point}"; direction = [3.0, 4.0]; table = [[0.0, 0.0], [0.5, 2.0]]
+"""),
             0.5,
             velocity=0.3,
         )
@@ -71,14 +66,10 @@ table = [[0.0, 0.0], [0.5, 2.0]]
 def test_a_force_that_turns_with_its_body() -> None:
     run = recorded(
         bar(
-            """
-[effects.jet]
-type = "force"
-point = "bar:tip"
-direction = [1.0, 1.0]
-follows = true
-harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }
-""",
+            tables("""
+effects.jet: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true;
+    harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }
+"""),
             0.5,
             position=0.4,
         )
@@ -93,15 +84,10 @@ def test_a_force_towards_a_point() -> None:
     run = recorded(
         scene_of(
             BAR,
-            """
-[ground.points]
-anchor = [0.3, 1.4]
-[effects.rope]
-type = "force"
-point = "bar:tip"
-towards = "ground:anchor"
-table = [[0.0, 0.5], [0.5, 1.5]]
-"""
+            tables("""
+ground.points: anchor = [0.3, 1.4]
+effects.rope: type = "force"; point = "bar:tip"; towards = "ground:anchor"; table = [[0.0, 0.5], [0.5, 1.5]]
+""")
             + run_of(0.5),
         )
     )
@@ -119,17 +105,11 @@ def test_a_following_force_at_the_tip_of_a_flexible_beam() -> None:
     run = recorded(
         scene_of(
             CANTILEVER,
-            """
-[effects.push]
-type = "force"
-point = "beam:tip"
-direction = [0.0, 1.0]
-follows = true
-table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
-[effects.loss]
-type = "structural_damping"
-stiffness = 0.1
-"""
+            tables("""
+effects.push: type = "force"; point = "beam:tip"; direction = [0.0, 1.0]; follows = true;
+    table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
+effects.loss: type = "structural_damping"; stiffness = 0.1
+""")
             + run_of(20.0, 0.1, 0.5),
         )
     )
@@ -172,20 +152,11 @@ def test_a_mass_on_a_rigid_bar_away_from_its_centre() -> None:
     run = recorded(
         scene_of(
             BAR,
-            """
-[parameters.m]
-nominal = 0.5
-value = 0.8
-[effects.weight]
-type = "gravity"
-direction = [0.0, -3.0]
-acceleration = 9.0
-[effects.bob]
-type = "point_mass"
-point = "bar:tip"
-mass = "m"
-inertia = 0.05
-"""
+            tables("""
+parameters.m: nominal = 0.5; value = 0.8
+effects.weight: type = "gravity"; direction = [0.0, -3.0]; acceleration = 9.0
+effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.05
+""")
             + run_of(0.6),
         )
     )
@@ -198,12 +169,9 @@ def test_a_mass_at_the_tip_of_a_cantilever() -> None:
     ratio = 0.5
     scene = scene_of(
         CANTILEVER,
-        f"""
-[effects.bob]
-type = "point_mass"
-point = "beam:tip"
-mass = {ratio}
-"""
+        tables(f"""
+effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
+""")
         + run_of(2.5, 5e-3),
     )
     omega, shape = linear_mode(scene, [0, 1, 2], 0)
@@ -280,14 +248,9 @@ def test_friction_of_what_slides(on: str) -> None:
 
 def test_a_spring_on_a_sliding_joint() -> None:
     run = block(
-        f"""
-[effects.spring]
-type = "spring_damper"
-joint = "slide"
-stiffness = 100.0
-damping = 2.0
-rest = {START}
-""",
+        tables(f"""
+effects.spring: type = "spring_damper"; joint = "slide"; stiffness = 100.0; damping = 2.0; rest = {START}
+"""),
         0.5,
     )
     damped = np.sqrt(100.0 - 1.0)
@@ -300,13 +263,9 @@ rest = {START}
 def test_a_stop_of_a_sliding_joint() -> None:
     stiffness, place = 2500.0, START + 0.05
     run = block(
-        f"""
-[effects.stop]
-type = "end_stop"
-joint = "slide"
-upper = {place}
-stiffness = {stiffness}
-""",
+        tables(f"""
+effects.stop: type = "end_stop"; joint = "slide"; upper = {place}; stiffness = {stiffness}
+"""),
         0.4,
     )
     x, arrival, contact = run.point("rod:tip")[:, 0], 0.1, np.pi / np.sqrt(stiffness)
@@ -321,14 +280,9 @@ stiffness = {stiffness}
 def test_a_spring_on_a_joint() -> None:
     run = recorded(
         bar(
-            """
-[effects.spring]
-type = "spring_damper"
-joint = "hinge"
-stiffness = 40.0
-damping = 0.6
-rest = 0.2
-""",
+            tables("""
+effects.spring: type = "spring_damper"; joint = "hinge"; stiffness = 40.0; damping = 0.6; rest = 0.2
+"""),
             0.5,
         )
     )
@@ -344,16 +298,11 @@ def test_a_spring_between_two_points(order: tuple[str, str]) -> None:
     run = recorded(
         scene_of(
             BAR,
-            f"""
-[ground.points]
-anchor = [0.3, 1.4]
-[effects.spring]
-type = "spring_damper"
-points = ["{order[0]}", "{order[1]}"]
-stiffness = 20.0
-damping = 0.7
-rest = 0.9
-"""
+            tables(f"""
+ground.points: anchor = [0.3, 1.4]
+effects.spring: type = "spring_damper"; points = ["{order[0]}", "{order[1]}"]; stiffness = 20.0; damping = 0.7;
+    rest = 0.9
+""")
             + run_of(0.6),
         )
     )
@@ -374,16 +323,10 @@ def test_a_bar_that_falls_on_a_stop(damping: float) -> None:
     stiffness, lower = 2000.0, -0.5
     run = recorded(
         bar(
-            f"""
-[effects.weight]
-type = "gravity"
-[effects.stop]
-type = "end_stop"
-joint = "hinge"
-lower = {lower}
-stiffness = {stiffness}
-damping = {damping}
-""",
+            tables(f"""
+effects.weight: type = "gravity"
+effects.stop: type = "end_stop"; joint = "hinge"; lower = {lower}; stiffness = {stiffness}; damping = {damping}
+"""),
             0.64,
             STEP,
         )

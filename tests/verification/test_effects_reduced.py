@@ -24,13 +24,13 @@ from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import slider_crank
+from scenes import slider_crank, tables
 
 G = 9.81
 STEP = 2e-3
@@ -42,15 +42,10 @@ STIFF = (
     "bodies.bar.section.bending=1e5", "bodies.bar.section.rotary_density=1e-4",
 )  # fmt: skip
 INERTIA = BAR_INERTIA + 1e-4
-ANGLE = """
-[outputs.angle]
-type = "angle"
-joint = "hinge"
-[reduction]
-modes = 2
-angles = 24
-interpolation = "spline"
-"""
+ANGLE = tables("""
+outputs.angle: type = "angle"; joint = "hinge"
+reduction: modes = 2; angles = 24; interpolation = "spline"
+""")
 
 
 def build(scene: Scene) -> ReducedModel:
@@ -163,15 +158,11 @@ def test_a_prescribed_motion_takes_the_torque_of_a_rigid_bar(name: str) -> None:
 
 # a beam hinged at its middle: its antisymmetric free modes feel nothing of the hinge
 SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]
-DAMPED = """
-[effects.loss]
-type = "structural_damping"
+DAMPED = tables("""
+effects.loss: type = "structural_damping"
 {damping}
-[reduction]
-modes = 3
-angles = 4
-interpolation = "spline"
-"""
+reduction: modes = 3; angles = 4; interpolation = "spline"
+""")
 DECAYS = {
     "stiffness": ("stiffness = 1e-3", lambda omega: 0.5e-3 * omega**2),
     "mass": ("mass = 2.0", lambda omega: 1.0),

@@ -35,79 +35,35 @@ from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import tables
 
 pytestmark = needs_compiler
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
 # all laws but stops, and all outputs
-KINDS = (
-    QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1)
-    .replace("range = [0.0, 6.283185307179586]\nperiodic = true", "range = [0.0, 2.0]\nperiodic = false")
-    .replace("table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]", "harmonic = { amplitude = 2.0, frequency_hz = 9.0 }")
-    .replace("angles = 24", 'angles = 24\ninterpolation = "overhauser"\nsecond_order = true')
-    .replace("duration = 0.2", "duration = 0.1")
-    + """
-[effects.internal]
-type = "structural_damping"
-stiffness = 1e-5
-mass = 0.3
-[effects.rubbing]
-type = "joint_friction"
-joint = "pin"
-limit = 0.5
-speed = 0.2
-[effects.spring]
-type = "spring_damper"
-points = ["ground:pivot", "crank:tip"]
-stiffness = 30.0
-damping = 0.1
-rest = 0.48
-[effects.jet]
-type = "force"
-point = "rocker:tip"
-direction = [0.0, 1.0]
-follows = true
-table = [[0.0, 0.5]]
-[effects.rope]
-type = "force"
-point = "crank:1"
-towards = "ground:pivot"
-table = [[0.0, 0.7]]
-[effects.push]
-type = "force"
-point = "rocker:tip"
-direction = [1.0, 0.5]
-table = [[0.0, 0.0], [0.03, 4.0], [0.06, -4.0]]
-[outputs.angle]
-type = "angle"
-joint = "rocker_hinge"
-[outputs.sliding]
-type = "sliding"
-joint = "pin"
-[outputs.distance]
-type = "distance"
-points = ["ground:pivot", "crank:tip"]
-[outputs.rotation]
-type = "rotation"
-point = "rocker:tip"
-[outputs.place]
-type = "position"
-point = "crank:tip"
-axis = "y"
-[outputs.moved]
-type = "displacement"
-point = "rocker:tip"
-axis = "x"
-[outputs.bent]
-type = "deformation"
-point = "rocker:tip"
-axis = "y"
-[outputs.bent_across]
-type = "deformation"
-point = "rocker:tip"
-axis = "y"
-frame = "body"
-"""
-)
+KINDS = QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1).replace(
+    "range = [0.0, 6.283185307179586]\nperiodic = true", "range = [0.0, 2.0]\nperiodic = false"
+).replace(
+    "table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]", "harmonic = { amplitude = 2.0, frequency_hz = 9.0 }"
+).replace("angles = 24", 'angles = 24\ninterpolation = "overhauser"\nsecond_order = true').replace(
+    "duration = 0.2", "duration = 0.1"
+) + tables("""
+effects.internal: type = "structural_damping"; stiffness = 1e-5; mass = 0.3
+effects.rubbing: type = "joint_friction"; joint = "pin"; limit = 0.5; speed = 0.2
+effects.spring: type = "spring_damper"; points = ["ground:pivot", "crank:tip"]; stiffness = 30.0; damping = 0.1;
+    rest = 0.48
+effects.jet: type = "force"; point = "rocker:tip"; direction = [0.0, 1.0]; follows = true; table = [[0.0, 0.5]]
+effects.rope: type = "force"; point = "crank:1"; towards = "ground:pivot"; table = [[0.0, 0.7]]
+effects.push: type = "force"; point = "rocker:tip"; direction = [1.0, 0.5];
+    table = [[0.0, 0.0], [0.03, 4.0], [0.06, -4.0]]
+outputs.angle: type = "angle"; joint = "rocker_hinge"
+outputs.sliding: type = "sliding"; joint = "pin"
+outputs.distance: type = "distance"; points = ["ground:pivot", "crank:tip"]
+outputs.rotation: type = "rotation"; point = "rocker:tip"
+outputs.place: type = "position"; point = "crank:tip"; axis = "y"
+outputs.moved: type = "displacement"; point = "rocker:tip"; axis = "x"
+outputs.bent: type = "deformation"; point = "rocker:tip"; axis = "y"
+outputs.bent_across: type = "deformation"; point = "rocker:tip"; axis = "y"; frame = "body"
+""")
 IN_FIVE_BAR = (
     'effects.motor={type="torque",joint="left_hinge",table=[[0.0,0.3]]}',
     'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}',
@@ -130,54 +86,27 @@ IN_SPACE = (
     'outputs.across={type="deformation",point="coupler:hinge",axis="z",frame="body"}',
 )
 # an oscillating cylinder whose motor, spring and weight set in at once on light nodes
-CYLINDER = """
+CYLINDER = tables("""
 scene.name = "cylinder"
 materials.steel = { E = 210e9, nu = 0.3, rho = 7800.0 }
 ground.points.pivot = [0.3, 0.02]
-[bodies.crank]
-line = { length = 0.08, elements = 3 }
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 0.008 }
-placement = { origin = [0.0, 0.0], angle = 0.5 }
-[bodies.rod]
-line = { length = 0.4, elements = 8 }
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 0.006 }
-placement = { origin = [0.07, 0.038], angle = -0.1 }
-[joints]
-shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] }
-pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] }
-guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
-[coordinates.theta]
-joint = "shaft"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects]
-motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] }
-brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 }
-spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 }
-rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }
-weight = { type = "gravity" }
-[reduction]
-modes = 6
-static_modes = true
-inertia_modes = true
-angles = 48
-interpolation = "spline"
-[simulation]
-duration = 0.1
-step = STEP
-[outputs.crank]
-type = "angle"
-joint = "shaft"
-[outputs.bent]
-type = "deformation"
-point = "rod:tip"
-axis = "y"
-frame = "body"
-"""
+bodies.crank: line = { length = 0.08, elements = 3 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.008 }; placement = { origin = [0.0, 0.0], angle = 0.5 }
+bodies.rod: line = { length = 0.4, elements = 8 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.006 }; placement = { origin = [0.07, 0.038], angle = -0.1 }
+joints: shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] };
+    pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] };
+    guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
+coordinates.theta: joint = "shaft"; range = [0.0, 6.283185307179586]; periodic = true
+effects: motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] };
+    brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 };
+    spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 };
+    rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }; weight = { type = "gravity" }
+reduction: modes = 6; static_modes = true; inertia_modes = true; angles = 48; interpolation = "spline"
+simulation: duration = 0.1; step = STEP
+outputs.crank: type = "angle"; joint = "shaft"
+outputs.bent: type = "deformation"; point = "rod:tip"; axis = "y"; frame = "body"
+""")
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.gradients import Fit, FittedParameter
+from pgmp_petsc.results import Fit
+from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies import fitting
 from pgmp_petsc.studies.fitting import fit, uncertainty

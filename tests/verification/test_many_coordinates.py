@@ -14,7 +14,7 @@ from pgmp_petsc.estimates.coverage import why_not_of_full_order
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER
+from scenes import HEADER, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
@@ -43,19 +43,12 @@ joint = "joint{k}"
 type = "angle"
 joint = "joint{k}"
 """
-    text += """
-[effects.weight]
-type = "gravity"
-[outputs.bending]
-type = "deformation"
-point = "link2:tip"
-axis = "y"
-[reduction]
-modes = 3
-[simulation]
-duration = 0.4
-step = 1e-3
-"""
+    text += tables("""
+effects.weight: type = "gravity"
+outputs.bending: type = "deformation"; point = "link2:tip"; axis = "y"
+reduction: modes = 3
+simulation: duration = 0.4; step = 1e-3
+""")
     return scene_from_toml(text, ".", overrides)
 
 
@@ -146,28 +139,14 @@ joint = "joint{k}"
     for k, angle in enumerate(MOVED):
         table = [[0.0, 0.0], [0.2, 0.5 * angle], [0.4, angle], [1.0, angle]]
         text += f'[effects.motion{k}]\ntype = "prescribed_motion"\ncoordinate = "theta{k}"\ntable = {table}\n'
-    text += """
-[effects.weight]
-type = "gravity"
-direction = [0.0, 0.0, -1.0]
-[effects.motor]
-type = "torque"
-joint = "joint5"
-table = [[0.0, 0.0], [0.4, 0.05]]
-[outputs.tip]
-type = "position"
-point = "hand:tip"
-axis = "z"
-[outputs.deflection]
-type = "deformation"
-point = "hand:tip"
-axis = "z"
-[reduction]
-modes = 6
-[simulation]
-duration = 0.2
-step = 1e-3
-"""
+    text += tables("""
+effects.weight: type = "gravity"; direction = [0.0, 0.0, -1.0]
+effects.motor: type = "torque"; joint = "joint5"; table = [[0.0, 0.0], [0.4, 0.05]]
+outputs.tip: type = "position"; point = "hand:tip"; axis = "z"
+outputs.deflection: type = "deformation"; point = "hand:tip"; axis = "z"
+reduction: modes = 6
+simulation: duration = 0.2; step = 1e-3
+""")
     return scene_from_toml(text, ".", overrides)
 
 

@@ -14,10 +14,10 @@ from conftest import ROOT
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from pgmp_petsc.full.systems import FullBatch, FullDistributed
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full

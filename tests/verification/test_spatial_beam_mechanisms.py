@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError
@@ -35,7 +35,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import HEADER
+from scenes import HEADER, tables
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
 
@@ -46,22 +46,14 @@ def arm(*overrides: str) -> Scene:
         HEADER
         + beam("upper", "0.0:0.5:2")
         + beam("lower", "0.0:0.4:2")
-        + f"""
-[joints.shoulder]
-type = "revolute"
-connect = ["ground:origin", "upper:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.elbow]
-type = "revolute"
-connect = ["upper:tip", "lower:hinge"]
-axis = {SECOND_AXIS.tolist()}
-[coordinates.theta1]
-joint = "shoulder"
+        + tables(f"""
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = {SECOND_AXIS.tolist()}
+coordinates.theta1: joint = "shoulder"
 {TURN}
-[coordinates.theta2]
-joint = "elbow"
+coordinates.theta2: joint = "elbow"
 {TURN}
-"""
+""")
     )
     return scene_from_toml(text, ".", overrides)
 

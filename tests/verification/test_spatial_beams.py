@@ -25,46 +25,28 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import STEEL, meshes_of, slider_crank
+from scenes import STEEL, meshes_of, slider_crank, tables
 
 # --- large deformations ----------------------------------------------------------------------------------------------
 
-BEND = """
-[scene]
-name = "bend"
-[materials.soft]
-E = 1e7
-nu = 0.0
-rho = 1.0
-[bodies.bend]
-mesh = "bend"
-element = "beam3d"
-material = "soft"
-section = { shape = "rectangle", width = 1.0, height = 1.0 }
-orientation = [0.0, 0.0, 1.0]
-[joints.clamp]
-type = "revolute"
-connect = ["ground:origin", "bend:root"]
-axis = [0.0, 0.0, 1.0]
-[coordinates.phi]
-joint = "clamp"
-range = [-1.0, 1.0]
-[initial]
-equilibrium = true
-[effects.load]
-type = "force"
-point = "bend:tip"
-direction = [0.0, 0.0, 1.0]
-table = [[0.0, 600.0], [1.0, 600.0]]
-"""
+BEND = tables("""
+scene: name = "bend"
+materials.soft: E = 1e7; nu = 0.0; rho = 1.0
+bodies.bend: mesh = "bend"; element = "beam3d"; material = "soft";
+    section = { shape = "rectangle", width = 1.0, height = 1.0 }; orientation = [0.0, 0.0, 1.0]
+joints.clamp: type = "revolute"; connect = ["ground:origin", "bend:root"]; axis = [0.0, 0.0, 1.0]
+coordinates.phi: joint = "clamp"; range = [-1.0, 1.0]
+initial: equilibrium = true
+effects.load: type = "force"; point = "bend:tip"; direction = [0.0, 0.0, 1.0]; table = [[0.0, 600.0], [1.0, 600.0]]
+""")
 
 
 def bend(n: int) -> LineMesh:

@@ -23,7 +23,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
+from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
     "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
@@ -337,11 +337,9 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
 
 
 # light and soft: the deflection at the start changes by how much the modes turn the crank's joint
-SOFT_FOUR_BAR = """
-[scene]
-name = "soft_four_bar"
-[ground.points]
-d = [0.55, 0.0]
+SOFT_FOUR_BAR = tables("""
+scene: name = "soft_four_bar"
+ground.points: d = [0.55, 0.0]
 [bodies.crank]
 line = { length = 0.2, elements = 4 }
 element = "beam2d"
@@ -356,49 +354,20 @@ line = { length = 0.45, elements = 8 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density=1e-5 }
 placement = { origin = [0.55, 0.0], angle = 1.46 }
-[joints.crank_joint]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "coupler:hinge"]
-[joints.knee]
-type = "revolute"
-connect = ["coupler:tip", "rocker:tip"]
-[joints.pivot]
-type = "revolute"
-connect = ["ground:d", "rocker:hinge"]
-[coordinates.q]
-joint = "crank_joint"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.load]
-type = "point_mass"
-point = "coupler:middle"
-mass = 0.3
-inertia = 1e-7
-[effects.spring]
-type = "spring_damper"
-points = ["coupler:middle", "ground:d"]
-stiffness = 10.0
-damping = 0.1
-rest = 0.4
-[effects.weight]
-type = "gravity"
-[initial]
-equilibrium = true
-[reduction]
-modes = 6
-static_modes = true
-angles = 96
-interpolation = "spline"
-[simulation]
-duration = 0.1
-[outputs.bent]
-type = "deformation"
-point = "coupler:middle"
-axis = "y"
-"""
+joints.crank_joint: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
+joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
+joints.pivot: type = "revolute"; connect = ["ground:d", "rocker:hinge"]
+coordinates.q: joint = "crank_joint"; range = [0.0, 6.283185307179586]; periodic = true
+effects.load: type = "point_mass"; point = "coupler:middle"; mass = 0.3; inertia = 1e-7
+effects.spring: type = "spring_damper"; points = ["coupler:middle", "ground:d"]; stiffness = 10.0; damping = 0.1;
+    rest = 0.4
+effects.weight: type = "gravity"
+initial: equilibrium = true
+reduction: modes = 6; static_modes = true; angles = 96; interpolation = "spline"
+simulation: duration = 0.1
+outputs.bent: type = "deformation"; point = "coupler:middle"; axis = "y"
+""")
 
 
 def soft_four_bar(start: float, *overrides: str) -> Scene:
