@@ -98,7 +98,7 @@ check SCENE & effects.shapes={type="mode_inertia"} -> effects.shapes | geometric
 * check FOUR_BAR & bodies.crank.line.length=0.6 -> coordinates.theta: it does not control | 3.14159 rad | singular value
 build PENDULUM -o OUT & reduction.tolerance=0.01 & reference.budget=1e-3 -> \
     reduction.tolerance = 0.01: no reference is within reference.budget = 0.001 s | predicted for the mesh | \
-    of the component model | raise reference.budget | name reference.model ("mesh" or "components") | shorten simulation.duration
+    of the component model | raise reference.budget | name reference.model ("mesh" or "components") | shorten
 build SCENE -o OUT & reduction.tolerance=0.01 & reference.model="truth" -> reference.model | truth | mesh | components
 build SCENE -o OUT & reduction.tolerance=0.01 & reference.budget=0.0 -> reference.budget | 0.0 | greater than 0
 simulate SCENE --full -o OUT & simulation={tolerance=0.01, duration=1.0} & reference.budget=1e-3 -> \
