@@ -1,7 +1,5 @@
 """The film of a page: bodies are where the run has them, in the colours of its stress, with the file's figures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

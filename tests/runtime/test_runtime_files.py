@@ -1,7 +1,5 @@
 """Result files: whole or not there, and every reason to refuse one."""
 
-from __future__ import annotations
-
 import os
 import resource
 from types import SimpleNamespace
