@@ -84,6 +84,8 @@ def condense(
 ) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Condense a body. Collective on `comm`.
 
+    Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
+
     Parameters
     ----------
     solid
@@ -118,11 +120,6 @@ def condense(
         of unit ``T(s) y``.
     section
         T(s); None without a scaled cross-section.
-
-    Raises
-    ------
-    RunError
-        If an eigenproblem fails, or the interface's answers do not settle.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes

@@ -451,6 +451,8 @@ class Manifold:
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
 
+        Raises `RunError` if the refinement of an answer does not converge.
+
         Parameters
         ----------
         theta
@@ -459,11 +461,6 @@ class Manifold:
             What was found there.
         combination
             The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

@@ -79,17 +79,13 @@ class CheckpointFolder:
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
 
+        Raises `InputError` if what is there belongs to another run (and is to be taken up), or is no folder of this
+        program's; `RunError` if the folder cannot be made.
+
         Returns
         -------
         tuple of Remark
             What of an older run was removed, or that there is nothing to take up.
-
-        Raises
-        ------
-        InputError
-            If what is there belongs to another run (and is to be taken up), or is no folder of this program's.
-        RunError
-            If the folder cannot be made.
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()
@@ -122,10 +118,7 @@ class CheckpointFolder:
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store a piece; any process may, each its own names. The arrays are not to be changed any more.
 
-        Raises
-        ------
-        RunError
-            If the system fails to write; pieces that are there stay.
+        Raises `RunError` if the system fails to write; pieces that are there stay.
         """
         target, archive = self.path / f"{name}.npz", io.BytesIO()
         np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
@@ -151,10 +144,7 @@ class CheckpointFolder:
     def take(self, path: Path, read: Callable[[Mapping[str, np.ndarray]], Content]) -> Content:
         """Return what ``read`` makes of the arrays of a piece.
 
-        Raises
-        ------
-        BrokenSeal
-            If the piece is damaged or belongs to another run.
+        Raises `BrokenSeal` if the piece is damaged or belongs to another run.
         """
         try:
             stamp, arrays = self._at_hand.get(path, ((), {}))
@@ -204,10 +194,7 @@ class CheckpointFolder:
     def _label(self) -> dict[str, object] | None:
         """Return what the folder's label says, None where there is no folder or nothing in it.
 
-        Raises
-        ------
-        InputError
-            If it has no label of this program, or a damaged one.
+        Raises `InputError` if it has no label of this program, or a damaged one.
         """
         if not os.path.lexists(self.path):
             return None

@@ -74,6 +74,8 @@ class OutputEntry(Table):
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
         """Return what is read of frames, an `outputs.readings.Reading`.
 
+        Raises `InputError` if a body's mesh does not have a point that it is at.
+
         Parameters
         ----------
         name
@@ -82,11 +84,6 @@ class OutputEntry(Table):
             Coordinates at the start, shape (n_theta,), rad.
         kinematics
             A `mechanism.kinematics.RigidKinematics`.
-
-        Raises
-        ------
-        InputError
-            If a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
 
