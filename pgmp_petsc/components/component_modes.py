@@ -272,11 +272,7 @@ def _condensed(
 
 
 def _across_axis(
-    solid: Solid,
-    nodes: range,
-    subspace: Subspace,
-    mass: Terms,
-    values: Mapping[str, float],
+    solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
 

@@ -236,12 +236,7 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
-        begin: np.ndarray | None,
+        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray, begin: np.ndarray | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 

@@ -13,17 +13,8 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from pgmp_petsc.figures.captions import mechanism_key, tell_apart
-from pgmp_petsc.figures.ensembles import (
-    bands,
-    densities,
-    joined,
-    rare_event,
-    sobol,
-    stopping,
-)
-from pgmp_petsc.figures.ensembles import (
-    labels_of as densities_labels,
-)
+from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
+from pgmp_petsc.figures.ensembles import labels_of as densities_labels
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism

@@ -142,9 +142,7 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
 
 @styled
 def trajectories(
-    comparisons: Sequence[Comparison],
-    outputs: Sequence[str] | None = None,
-    labels: Sequence[str] | None = None,
+    comparisons: Sequence[Comparison], outputs: Sequence[str] | None = None, labels: Sequence[str] | None = None
 ) -> Figure:
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 

@@ -170,10 +170,7 @@ class Revolution:
 
 
 def close_revolution(
-    rotations: np.ndarray,
-    last_overlap: np.ndarray,
-    groups: Sequence[np.ndarray],
-    beside: Revolution | None = None,
+    rotations: np.ndarray, last_overlap: np.ndarray, groups: Sequence[np.ndarray], beside: Revolution | None = None
 ) -> Revolution:
     """Take the holonomy back over the revolution.
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -51,9 +50,7 @@ class ParameterSnapshots:
     def __enter__(self) -> ParameterSnapshots:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for problem in self.problems:
             problem.close()
 

@@ -45,7 +45,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TextIO
 
 import h5py
@@ -111,9 +110,7 @@ class GuardedStream:
     def __enter__(self) -> GuardedStream:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
         self._guarded(self._stream.close, instead=0)
         if not self._stream.closed:

@@ -331,8 +331,7 @@ Point = Annotated[
 Connection = Annotated[
     tuple[Point, Point],
     _needed(
-        'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]',
-        lambda value: _is_list(value, 2),
+        'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]', lambda value: _is_list(value, 2)
     ),
 ]
 

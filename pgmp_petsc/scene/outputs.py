@@ -19,13 +19,7 @@ Axis = Literal["x", "y", "z"]
 STRESSES = {
     "solid2d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
     "solid3d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
-    "beam2d": {
-        "axial_force": "N",
-        "shear_force": "N",
-        "bending_moment": "N m",
-        "stress_max": "Pa",
-        "stress_min": "Pa",
-    },
+    "beam2d": {"axial_force": "N", "shear_force": "N", "bending_moment": "N m", "stress_max": "Pa", "stress_min": "Pa"},
     "beam3d": {
         "axial_force": "N",
         "shear_force_2": "N",

@@ -145,8 +145,7 @@ class Distribution(Table):
         for key in self.arguments:
             if key not in allowed:
                 raise refusal(
-                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})",
-                    key,
+                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})", key
                 )
         for key in shapes:
             if key not in self.arguments:
