@@ -21,17 +21,22 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
 
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.plugins import in_use
 from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.runtime.signals import keep, keep_no_longer
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
@@ -235,6 +240,68 @@ class CheckpointFolder:
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"
                 )
+
+
+class SharedCheckpoint:
+    """Finished pieces of a run that all ranks take up, whatever the number of ranks that wrote them.
+
+    Collective on `comm` where it is made. Raises as `CheckpointFolder.open`, and `RunError` if a rank cannot read what
+    the first one can.
+
+    Parameters
+    ----------
+    output, run
+        As of `CheckpointFolder`; ranks may work in different directories.
+    comm
+        All ranks.
+    resume
+        Whether to take up what is there.
+    readers
+        What makes a mapping of a piece's name and its arrays, by a pattern of the name.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        run: Mapping[str, object],
+        comm: MPI.Comm,
+        resume: bool,
+        readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
+    ) -> None:
+        self._world = comm
+        self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
+
+        def opening_the_checkpoint() -> tuple[list[list[Path]], tuple[Remark, ...]]:
+            remarks, paths = self._folder.open(resume), []
+            for pattern, read in readers.items():
+                sound, broken = self._folder.sound(partial(self._read, read), pattern)
+                paths.append(sound)
+                remarks += broken
+            return paths, remarks
+
+        # one rank says what is sound: another that reads for itself might see other files
+        paths, self.remarks = on_root(comm, opening_the_checkpoint)  # remarks are of what was not taken up
+        self._taken_up = any(paths)
+        with agreed(comm, "reading the checkpoint"):
+            self._known = [{} for _ in paths]
+            for known, found, read in zip(self._known, paths, readers.values()):
+                for path in found:
+                    try:
+                        known |= self._read(read, path)
+                    except BrokenSeal as broken:
+                        raise RunError(f"piece '{path}' cannot be read on every rank: {broken}") from broken
+
+    def _read(self, read: Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]], path: Path) -> dict[Any, Any]:
+        return self._folder.take(path, lambda arrays: read(path.stem, arrays))
+
+    def forget(self) -> None:
+        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
+        if not self._taken_up:
+            self.remove()
+
+    def remove(self) -> None:
+        """Remove the folder once the result is written. Collective on all ranks."""
+        on_root(self._world, self._folder.remove)
 
 
 def _stamp(path: Path) -> tuple[int, ...]:
