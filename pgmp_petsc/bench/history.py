@@ -102,8 +102,6 @@ def run_history(
         Any model of a scene.
     values
         Parameter values, each of shape (n_samples,).
-    n_samples
-        Number of samples.
     n_steps
         Equal time steps over the scene's duration.
     system

@@ -272,8 +272,6 @@ class BodyProblem:
     ----------
     mass, stiffness
         By weight; they stay the caller's.
-    values
-        Parameter values.
     places
         This rank's nodes, shape (n, d), m.
     comm

@@ -88,8 +88,6 @@ def condense(
 
     Parameters
     ----------
-    solid
-        The body.
     frames
         Where joints, effects and outputs hold it, by name.
     points

@@ -68,8 +68,6 @@ def condensed(
 
     Parameters
     ----------
-    scene
-        The scene.
     shapes
         By body; what is no continuum mesh stays as it is.
     group

@@ -55,8 +55,6 @@ def floating_shapes(
 
     Parameters
     ----------
-    scene
-        The scene.
     shapes
         By the name of the body.
     bodies

@@ -75,8 +75,6 @@ class ErrorIndicator:
 
     Parameters
     ----------
-    model
-        The reduced model.
     told
         The model whose outputs runs have, where these are not the model's own.
     """

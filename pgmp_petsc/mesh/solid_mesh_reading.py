@@ -273,7 +273,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    n_nodes : int
     cells : ndarray of int, shape (n_cells, n_cell_nodes)
     """
     edges = incidence_edges(n_nodes, cells)
@@ -310,7 +309,6 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     ----------
     mesh : meshio.Mesh
         What meshio has read from the file.
-    path : Path
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:

@@ -75,8 +75,6 @@ class ModalProblem:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
     values
         Parameter values at which M and K are taken.
     n_modes

@@ -171,12 +171,6 @@ class SpringStiffness:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
-    springs
-        Linear springs.
-    values
-        Parameter values.
     weights
         Conservative effects that load the mechanism; None for the unloaded state.
 

@@ -62,8 +62,6 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     ----------
     built
         The scene that it was built from.
-    rom
-        The reduced model.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}

@@ -252,8 +252,6 @@ class SharedCheckpoint:
     ----------
     output, run
         As of `CheckpointFolder`; ranks may work in different directories.
-    comm
-        All ranks.
     resume
         Whether to take up what is there.
     readers

@@ -108,7 +108,6 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 
     Parameters
     ----------
-    scene : Scene
     given : mapping of str to str
         Units as `convert_parameters` returned them.
     """
