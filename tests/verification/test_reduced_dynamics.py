@@ -137,15 +137,6 @@ def test_signs_and_order_of_the_eigenvectors_do_not_change_the_motion(seed: int)
         np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name)
 
 
-def test_a_run_does_not_depend_on_its_batch() -> None:
-    """Bit for bit, with the paper's own basis."""
-    scene = paper_scene("simulation.duration=0.1")
-    model = ReducedModel(scene, paper_rom())
-    radii = np.linspace(4.5e-3, 7e-3, 5)
-    together = run_model(model, 5, {"r1": radii})[1].state.q
-    for k in range(5):
-        np.testing.assert_array_equal(run_model(model, 1, {"r1": radii[k : k + 1]})[1].state.q[0], together[k])
-    np.testing.assert_array_equal(run_model(model, 5, {"r1": radii[::-1].copy()})[1].state.q, together[::-1])
 
 
 def test_without_loads_and_motion_nothing_happens() -> None:

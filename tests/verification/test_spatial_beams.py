@@ -298,19 +298,6 @@ def test_modes_of_the_plane_are_among_those_in_space() -> None:
     assert nearest.max() < 1e-10
 
 
-def test_reduced_runs_of_the_plane_in_space() -> None:
-    """The same coordinates, equations and steps: measured 4e-15 with the modes of the plane among those kept."""
-    (planar, lines), (spatial, beams) = planar_and_spatial(1e-3)
-    flat, deep = (
-        simulate_reduced(
-            ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))), MPI.COMM_SELF
-        )
-        for scene, meshes in (
-            (planar, lines),
-            (slider_crank_of_beams(*short(1e-3), "reduction.modes=11"), beams),
-        )
-    )
-    assert max(apart(flat, deep).values()) < 1e-8
 
 
 def test_full_order_runs_of_the_plane_in_space() -> None:
