@@ -1,7 +1,5 @@
 """Matrices of meshed bodies as other programs write them, each format by hand from its description."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 In units in which E I of bending in the plane of rotation and rho A are 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

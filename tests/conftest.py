@@ -1,7 +1,5 @@
 """What tests of every kind share: running a command on several ranks, and limits of time and chance."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import shutil

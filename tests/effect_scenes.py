@@ -1,7 +1,5 @@
 """Small scenes with bodies by `line`, and their full-order runs, for tests of effects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Models in C: compiled and run, and their libraries as functional mock-up units, called as importers call them."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Made-up runs with fields: a plane bar that moves, and blocks in space, with a stress that is known everywhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

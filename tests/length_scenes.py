@@ -1,7 +1,5 @@
 """A slider-crank whose rod is a parameter long, for tests of lengths and places."""
 
-from __future__ import annotations
-
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 

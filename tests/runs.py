@@ -1,7 +1,5 @@
 """Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -5,8 +5,6 @@ of the body's own frame, from x = first to x = last (m). `meshes_of` makes the m
 tip.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

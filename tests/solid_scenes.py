@@ -1,7 +1,5 @@
 """The slider-crank of the repository's scenes with bodies of continuum elements, their meshes made in memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

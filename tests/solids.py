@@ -4,8 +4,6 @@ They reach from the origin to the given lengths. Their sides are groups of faces
 bottom and top across y; in space front and back across y, bottom and top across z. The region body has all cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ quadrilaterals) whose axis is the x axis of the body's frame, from x = first to 
 faces hinge and tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

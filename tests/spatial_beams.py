@@ -4,8 +4,6 @@ As in `scenes`, the entry ``mesh`` of a body is ``"first:last:n"``, a straight l
 body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of `spatial`.
 """
 
-from __future__ import annotations
-
 from spatial import TURN, bar
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

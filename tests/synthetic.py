@@ -1,7 +1,5 @@
 """Made-up results in the likeness of the slider-crank's, for tests of files, pictures and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 

@@ -3,8 +3,6 @@
 The blocks are really run by `scripts/check_docs`; here it is what can be known of them without running.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Imports run one way, and what needs no PETSc does not import it."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess
@@ -118,7 +116,7 @@ MOST_ASKED = 12
 
 
 def test_nobody_asks_bodies_for_their_kind() -> None:
-    """Kinds are found (`bodies.body.kinds`): no module outside their room imports one, and few ask for those of shapes."""
+    """Kinds are found: no module outside their room imports one, and few ask for those of shapes."""
     asked = []
     for path in PACKAGE.rglob("*.py"):
         if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":

@@ -1,7 +1,5 @@
 """Small trade-off studies, for tests on one rank and on several."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Scenes of mechanisms with two rigid coordinates, made in memory as those of `scenes`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pgmp_petsc.scene import Scene, scene_from_toml

@@ -333,10 +333,6 @@ def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]
     cure."""
     try:
         yield
-    except InputError as error:
-        if cure == WRITE_AGAIN or "write the file again" not in str(error):
-            raise
-        raise InputError(str(error).replace("write the file again", cure)) from error  # `take` does not know the cure
     except _MISFITS as error:
         reason = error.args[0] if error.args else type(error).__name__
         name = file if isinstance(file, Path) else file.filename
@@ -356,25 +352,25 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
 
     Raises
     ------
-    InputError
-        If it is missing, has another number of dimensions, or holds something else.
+    ValueError
+        If it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
     """
     import h5py
 
-    where = f"file '{group.file.filename}': dataset '{group.name.rstrip('/')}/{name}'"
+    where = f"dataset '{group.name.rstrip('/')}/{name}'"
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
-        raise InputError(f"{where} is missing: '{group.name}' is no group; write the file again")
+        raise ValueError(f"{where} is missing: '{group.name}' is no group")
     if name not in group:
-        raise InputError(f"{where} is missing; write the file again")
+        raise ValueError(f"{where} is missing")
     dataset = group[name]
     if not isinstance(dataset, h5py.Dataset):
-        raise InputError(f"{where} is a group; write the file again")
+        raise ValueError(f"{where} is a group")
     if dataset.shape is None or dataset.ndim != n_dimensions:
-        raise InputError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
+        raise ValueError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
     if (h5py.check_string_dtype(dataset.dtype) is not None) != texts or not texts and dataset.dtype.kind not in "biuf":
-        raise InputError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
+        raise ValueError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
     if dataset.nbytes > group.file.id.get_filesize():  # nothing is compressed: it was never written
-        raise InputError(f"{where} has shape {dataset.shape}, more than the file holds; write the file again")
+        raise ValueError(f"{where} has shape {dataset.shape}, more than the file holds")
     return np.asarray(dataset[()])
 
 

@@ -1,7 +1,5 @@
 """Continuum elements: force and tangent against the energy, rigid motion, viscous stress, mass."""
 
-from __future__ import annotations
-
 import compiled_elements
 import numpy as np
 import pytest

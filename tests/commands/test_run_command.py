@@ -1,7 +1,5 @@
 """`pgmp run`: every step, what a later run takes, what it leaves out, and the figures as JSON."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Plane and solid meshes: what is read, how faces and regions are named, and every way in which a file is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import math

@@ -1,7 +1,5 @@
 """Parameters that are lengths or places: what is refused, polynomials over them, and one gauge for all their builds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The page of results: its figures are those of the files, it needs no network, and says what is not known."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io

@@ -1,7 +1,5 @@
 """The film of a page: bodies are where the run has them, in the colours of its stress, with the file's figures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -134,7 +132,9 @@ def test_a_peak_between_frames_is_that_of_an_output() -> None:
     """Frames know 3 MPa at most; an output of the body peaks at 4.33 between two, one of another body higher."""
     run = block_run()
     before = film_of(run)
-    scene = run.record.scene_toml + """
+    scene = (
+        run.record.scene_toml
+        + """
 [outputs.squeezed]
 type = "stress"
 body = "block"
@@ -144,6 +144,7 @@ type = "stress"
 body = "elsewhere"
 quantity = "von_mises"
 """
+    )
     squeezed = np.zeros(run.time.size)
     squeezed[1] = 4.33e6
     outputs = run.outputs | {"squeezed": squeezed, "other": 3.0 * squeezed}

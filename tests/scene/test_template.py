@@ -1,7 +1,5 @@
 """Scenes to begin with: each is written with its mesh, is sound without a warning, is built, and runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
