@@ -62,15 +62,6 @@ def test_another_run_is_refused(tmp_path: Path, other: str) -> None:
         finished(tmp_path, scene, True, **kind)
 
 
-def test_a_damaged_piece_is_done_again(tmp_path: Path) -> None:
-    scene = small_scene()
-    finished(tmp_path, scene, False).put("task", 1, {"x": np.zeros(1)})
-    (piece,) = tmp_path.glob("f.h5.partial/*.npz")
-    piece.write_bytes(piece.read_bytes()[:-20])
-    again = finished(tmp_path, scene, True)
-    assert again.get("task", 1) is None and "was not taken up, and is computed again" in str(again.remarks[0])
-
-
 def study(path: Path, scene: Scene, resume: bool) -> Tradeoff:
     kept = finished(path, scene, resume)
     return measure_tradeoff(scene, meshes_of(scene), SWEEP, 1000, True, MPI.COMM_SELF, kept)

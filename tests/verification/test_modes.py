@@ -150,22 +150,6 @@ def test_redundant_constraints_are_dropped() -> None:
         np.testing.assert_allclose(problem.solve(0.0).frequencies_hz, REFERENCE_HZ[0.0], rtol=1e-6)
 
 
-def test_the_zeros_of_the_pencil_are_the_rigid_motion() -> None:
-    kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, 2) as problem:
-        modes = problem.solve(1.0)
-    crank_hinge = modes.rigid[2, 0]
-    assert crank_hinge == pytest.approx(1.0, rel=1e-12)  # d theta / d theta
-
-
-def test_counting_by_inertia_agrees_with_the_dense_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
-    a, b, values = pencil
-    for k in range(1, 40):
-        assert solver.count_below(a, b, 0.5 * (values[k - 1] + values[k])) == k
-    assert solver.count_below(a, b, -1.0) == 0
-    assert solver.count_below(a, b, 2 * values[-1]) == 40
-
-
 @pytest.fixture(params=["LAPACK", "SLEPc"])
 def solved_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Solve small problems with either; the name of which."""
