@@ -22,10 +22,8 @@ from pgmp_petsc.scene import Scene
 from scenes import meshes_of
 
 SHORT = (
-    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',
-    "simulation.duration=0.01",
-    "reduction.angles=8",
-)
+    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}', "simulation.duration=0.01", "reduction.angles=8",
+)  # fmt: skip
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 SWEEP = replace(LEAST, component_modes=(3,))
 

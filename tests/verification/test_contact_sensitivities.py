@@ -53,10 +53,8 @@ BOUNCING = (
 )  # fmt: skip
 WAVE = "{amplitude=0.12,frequency_hz=10.0,mean=0.5}"
 DRIVE = (
-    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}',
-    "simulation.initial={}",
-    *RUN,
-)
+    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}', "simulation.initial={}", *RUN,
+)  # fmt: skip
 NO_MOTOR = 'effects={weight={type="gravity"}}'
 SLIDER = 'effects.stop={type="end_stop",joint="slider",lower=0.94,upper=0.97,stiffness="k",damping=0.2}'
 ELBOW = 'effects.stop={type="end_stop",joint="elbow",lower=-0.33,stiffness="k",damping=0.1}'

@@ -143,16 +143,13 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
         '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start),
         *(
             (
-                "bodies.bar.flexible=true",
-                "bodies.bar.section.axial=1e5",
-                "bodies.bar.section.shear=1e5",
-                "bodies.bar.section.bending=1e3",
-                "bodies.bar.section.rotary_density=1e-5",
+                "bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
+                "bodies.bar.section.bending=1e3", "bodies.bar.section.rotary_density=1e-5",
             )
             if flexible
             else ()
         ),
-    )
+    )  # fmt: skip
     run = recorded(scene)
     middle = run.angle[len(run.time) // 2]
     # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
@@ -162,8 +159,6 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
     quarter = np.interp(period / 4, run.time, run.angle)
     # (omega h)^2 / 12 of a quarter of a turn; bent by its own weight at most 1e-3 where it is flexible
     assert quarter == pytest.approx(-np.pi / 2, abs=2e-3 if flexible else 5e-5)
-
-
 
 
 def test_a_mass_at_the_tip_of_a_cantilever() -> None:
@@ -190,8 +185,6 @@ effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
         rtol=0,
         atol=2e-4 * small / omega,
     )
-
-
 
 
 def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np.ndarray:
@@ -269,9 +262,3 @@ effects.stop: type = "end_stop"; joint = "slide"; upper = {place}; stiffness = {
     # (omega h)^2 / 12 of the time of contact at 0.5 m/s, 3e-5
     np.testing.assert_allclose(x[back], place - 0.5 * (run.time[back] - arrival - contact), rtol=0, atol=4e-5 + BARS)
     assert x.max() == pytest.approx(place + 0.5 / np.sqrt(stiffness), abs=1e-5)
-
-
-
-
-
-

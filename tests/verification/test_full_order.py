@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from elimination import Beams, chain, circle
-from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 from scipy.special import ellipk
 
@@ -93,8 +92,6 @@ BOTH = {
 }
 
 
-
-
 # the distributed model on all ranks, with numerical damping and without, where velocities are projected onto constraints
 # that turn; the first prints how far it is from the batched one, as shares of the maximum
 DISTRIBUTED = """
@@ -146,15 +143,11 @@ def test_constraints_hold_at_every_step(name: str) -> None:
 def hanging(position: float, n_steps: int, duration: float) -> Scene:
     """Return a stiff beam of 1 m that swings under gravity; position from the lowest point."""
     return pendulum(
-        GRAVITY,
-        'bodies.arm.mesh="0.0:1.0:2"',
-        "bodies.arm.section.radius=0.05",
+        GRAVITY, 'bodies.arm.mesh="0.0:1.0:2"', "bodies.arm.section.radius=0.05",
         'outputs.x={type="position", point="arm:tip", axis="x"}',
-        f"simulation.initial.phi.position={position - np.pi / 2}",
-        f"simulation.duration={duration}",
-        f"simulation.step={duration / n_steps}",
-        "simulation.spectral_radius=0.8",
-    )
+        f"simulation.initial.phi.position={position - np.pi / 2}", f"simulation.duration={duration}",
+        f"simulation.step={duration / n_steps}", "simulation.spectral_radius=0.8",
+    )  # fmt: skip
 
 
 def quarter_period(amplitude: float) -> float:
@@ -179,12 +172,9 @@ def test_a_stiff_hinged_beam_is_a_physical_pendulum(amplitude: float) -> None:
 def free(step: float, radius: float = 1.0) -> Scene:
     """Return the slider-crank without loads, spinning from an undeformed start that is no equilibrium."""
     return slider_crank(
-        "effects={}",
-        "simulation.initial.theta.velocity=12.0",
-        "simulation.duration=0.2",
-        f"simulation.step={step}",
+        "effects={}", "simulation.initial.theta.velocity=12.0", "simulation.duration=0.2", f"simulation.step={step}",
         f"simulation.spectral_radius={radius}",
-    )
+    )  # fmt: skip
 
 
 def energies(scene: Scene) -> np.ndarray:
@@ -217,8 +207,6 @@ def test_numerical_damping_only_takes_energy() -> None:
     assert lossy.max() < lossy[0] * (1 + 2e-3)
 
 
-
-
 def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
     """The neighbour's radius, or a neighbour that fails, must not be felt."""
     scene = slider_crank("simulation.duration=0.02")
@@ -231,5 +219,3 @@ def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
     expected = first_of(RADIUS, RADIUS)
     np.testing.assert_array_equal(first_of(RADIUS, 9e-3), expected)
     np.testing.assert_array_equal(first_of(RADIUS), expected)
-
-

@@ -37,11 +37,9 @@ STARTS = {
     "undeformed": (),
     "settled, held": ("initial.equilibrium=true",),
     "settled, free": (
-        "initial.equilibrium=true",
-        'initial.coordinates="free"',
-        "simulation.initial.theta.position=-0.1",
+        "initial.equilibrium=true", 'initial.coordinates="free"', "simulation.initial.theta.position=-0.1",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
