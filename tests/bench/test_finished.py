@@ -1,7 +1,5 @@
 """Results of finished tasks: kept by their description, taken up again, and refused for another run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

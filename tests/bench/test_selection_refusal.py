@@ -1,7 +1,5 @@
 """The choice on errors that are known, and what stands in the way of a tolerance that cannot be met."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The search for a step, on errors that are known: smooth ones, and vibrations that keep no phase."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

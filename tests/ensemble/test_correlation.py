@@ -1,7 +1,5 @@
 """Correlated parameters, and what is refused of correlations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """The motion of all unknowns behind a reduced state, its velocities and its accelerations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import paper_scene, reduced_model

@@ -1,7 +1,5 @@
 """Residual and exact derivatives of the reduced equations against the engine's residual and differences of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import reduced_model

@@ -1,7 +1,5 @@
 """Scenes, meshes and figures that the hard cases share. The table of the cases is docs/hard_cases.md."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """An ensemble whose reduced model breaks down in some samples: it ends, warns, and says what its figures are worth."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Matrices that are singular, badly scaled or nearly too large for double precision."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Dead centres of the slider-crank, and rods hardly longer, or shorter, than the crank."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import QUIET, accurate, assert_close, both, nominal_rom, run_for, start

@@ -1,7 +1,5 @@
 """Torques that set in at once and impulses, against momentum, energy and the rigid mechanism's closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joints that say again what others say: how many constraints are dropped, and that the motion stays the same."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

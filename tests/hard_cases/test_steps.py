@@ -1,7 +1,5 @@
 """Steps from 1e-6 s to 1e-2 s: constraints, order of convergence, and what becomes of steps that are too large."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import accurate, nominal_rom, run_for, smooth_torque, start

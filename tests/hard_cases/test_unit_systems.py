@@ -1,7 +1,5 @@
 """The same mechanism in metres, kilograms and newtons, and in millimetres, tonnes, newtons and megapascals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, accurate, both, modal_problem, run_for, start

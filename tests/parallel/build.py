@@ -4,8 +4,6 @@ Arguments: the directory of the results, then cases ``name:ranks_per_group:scram
 its scene from `CASES`. An error is printed by every rank in place of a file.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Arguments as those of `build`, with the scenes of `CASES` here.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

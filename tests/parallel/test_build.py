@@ -1,7 +1,5 @@
 """The offline build is the same for any number of ranks and groups, and whatever signs and order the solver returns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

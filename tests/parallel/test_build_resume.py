@@ -1,7 +1,5 @@
 """A build that is killed at any moment and resumed, with another number of ranks too, gives the same file."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Ensembles on any number of ranks, killed and resumed, and with samples that fail."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,8 +4,6 @@ The commands of a group run one after the other in one start of MPI. That this p
 that had no work must not leave the others waiting at the end of PETSc. ``PGMP_RANKS=7`` takes another number of ranks.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

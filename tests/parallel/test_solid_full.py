@@ -1,7 +1,5 @@
 """Full-order runs of continuum bodies in space on several ranks: the same motion and the same energies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Beams in space on several ranks: the same full-order runs, models and samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Nonsense: entries that cannot be meant are refused, entries that probably are not get a warning; each by its name."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

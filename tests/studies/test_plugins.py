@@ -1,7 +1,5 @@
 """Effects in files of users: taken, refused, and named in result files; the one of docs/extending.md in every model."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

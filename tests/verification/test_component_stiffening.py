@@ -1,7 +1,5 @@
 """Component modes that follow their foreshortening: beams stiffened by their spin, against theory and mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A slider-crank of plane continuum bodies: condensed against its meshes, against beams, reduced against full-order."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache

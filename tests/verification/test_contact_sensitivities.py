@@ -1,7 +1,5 @@
 """Derivatives of runs that meet and leave end stops: closed form, central differences, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

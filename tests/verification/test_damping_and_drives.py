@@ -1,7 +1,5 @@
 """Structural damping, prescribed motions and the balance of energy in the full-order model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_distributed, run_of, scene_of

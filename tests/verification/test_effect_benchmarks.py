@@ -1,7 +1,5 @@
 """Rotating beams, singular positions, welds and all effects together in the full-order model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 `recorded` runs both forms of the model and compares them; what is checked here is the distributed one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,10 +4,7 @@
 leaves out, and closed forms of all that turn a single stiff bar.
 """
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -112,6 +109,8 @@ effects.loss: type = "structural_damping"
 {damping}
 reduction: modes = 3; angles = 4; interpolation = "spline"
 """)
+
+
 @pytest.mark.parametrize("name", [name for name in DECAYS if name != "large ratios"])
 def test_the_decay_of_a_mode(name: str) -> None:
     """Of the second free mode, antisymmetric, by the linearised equations; a rotation decays by mass alone."""

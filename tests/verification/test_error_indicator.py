@@ -1,7 +1,5 @@
 """The estimated error of reduced runs against the true one, and what may have no part in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

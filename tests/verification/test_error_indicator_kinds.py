@@ -4,8 +4,6 @@ True errors are those against runs of the mesh with finer steps, of solids in sp
 benchmark `effectivity` measures more of it, with the repository's scenes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Models in C give what `pgmp simulate` gives."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Motions of bodies with random fields: closed forms, energies, and the models against each other."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters from measured histories: recovered within their standard errors, and said where they cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

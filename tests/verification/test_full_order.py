@@ -1,7 +1,5 @@
 """The full-order model: one formulation against the other, closed forms, energy, published numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Reduced tables over two coordinates: order of their interpolation, gauge, clamped coordinates, the file, commands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

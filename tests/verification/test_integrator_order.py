@@ -4,8 +4,6 @@ The mechanism has a point_on_line joint whose line turns with a flexible body, s
 constraints take part. It starts undeformed and moving, under gravity: out of equilibrium in positions and velocities.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

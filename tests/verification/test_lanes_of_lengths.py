@@ -1,8 +1,6 @@
 """Samples with lengths of their own, side by side: as single runs with these lengths, with all that acts on them; their
 estimated errors, and derivatives with a length."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mechanisms with more than two coordinates: full-order and component runs, and what a reduction of them would cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

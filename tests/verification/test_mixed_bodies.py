@@ -1,7 +1,5 @@
 """Beams, rigid bodies and plane continuum bodies in one mechanism, with one coordinate and with two."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

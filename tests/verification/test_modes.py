@@ -1,7 +1,5 @@
 """Constrained modes: published numbers, the dense pencil, completeness by inertia, and every failure of the solver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

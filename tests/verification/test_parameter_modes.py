@@ -1,7 +1,5 @@
 """A basis for parameters far from nominal: inertia modes, snapshots at other points, their compression and choice."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

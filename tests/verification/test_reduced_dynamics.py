@@ -1,7 +1,5 @@
 """The reduced model over time against the full-order one, and against the freedom of its own basis."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

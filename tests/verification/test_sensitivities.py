@@ -1,7 +1,5 @@
 """Derivatives of runs against central differences: bodies, coordinates, effects and starts of every kind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Continuum elements against closed forms: patches, observed order, and the bending frequency of a beam."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import compiled_elements

@@ -3,8 +3,6 @@
 `test_scenes` compares reduced and full-order runs of the repository's scenes, `test_combinations` all commands.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

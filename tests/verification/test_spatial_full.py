@@ -1,8 +1,6 @@
 """Full-order runs in space: constraints and their derivatives, against reduced models, beams in the plane, closed
 forms, ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

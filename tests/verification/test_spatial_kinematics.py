@@ -1,7 +1,5 @@
 """Rigid kinematics in space: closed forms of open chains and of loops, the plane, derivatives, and every refusal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,8 +1,6 @@
 """Modes of mechanisms in space: beams in the plane, closed forms, bodies that are not condensed, and nearly equal
 modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Static answers to the loads as further vectors of the basis: against a dense solve, orthogonality, continuity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Friction that sticks: runs reach their end with any step, and converge with it, against a stiff solver of scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BLOCK, run_distributed, scene_of

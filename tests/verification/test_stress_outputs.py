@@ -1,7 +1,5 @@
 """Stress outputs of all models, single and in ensembles, against statics, Kirsch's hole, and the mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Loads that set in at once on the light nodes of joints: steps that do not resolve these do not throw them about."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Tolerances are kept where nobody looked when the knobs were chosen: other parameters, loads, a much smaller step."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

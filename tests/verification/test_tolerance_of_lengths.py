@@ -1,7 +1,5 @@
 """Tolerances with lengths as parameters: chosen at the nominal length, checked at both ends of its range."""
 
-from __future__ import annotations
-
 import pytest
 from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
