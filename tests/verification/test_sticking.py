@@ -1,7 +1,5 @@
 """Friction that sticks: runs reach their end with any step, and converge with it, against a stiff solver of scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BLOCK, run_distributed, scene_of
@@ -189,15 +187,10 @@ type = "gravity"
 def test_one_correction_is_not_enough_where_friction_changes(step: float) -> None:
     """How a step before contracted says nothing: a pendulum that comes to rest in its friction ended 3, 15 and 36 % off."""
     entries = (
-        "bodies.bar.line={length=0.6, elements=6}",
-        'bodies.bar.section={shape="circle", radius=0.005}',
-        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}",
-        "effects.f.limit=0.8",
-        "effects.f.speed=0.01",
-        "reduction.angles=24",
-        'reduction.interpolation="spline"',
-        "simulation.duration=1.0",
-    )
+        "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
+        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",
+        "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=1.0",
+    )  # fmt: skip
     scene = scene_from_toml(PENDULUM, ".", (*entries, f"simulation.step={step}"))
     fine = scene_from_toml(PENDULUM, ".", (*entries, "simulation.step=1e-4"))
     model = ReducedModel(scene, built_rom(scene))
