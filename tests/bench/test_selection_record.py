@@ -1,7 +1,5 @@
 """What was chosen, in the file and in words; entries of the scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

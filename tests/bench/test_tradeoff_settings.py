@@ -1,7 +1,5 @@
 """Which settings are measured: lines and a tensor, each setting once; the best by closed examples; who does what."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

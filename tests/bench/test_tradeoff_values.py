@@ -1,7 +1,5 @@
 """Test values and nodes: quantiles inside the bounds, apart from each other; response surfaces exact on polynomials."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

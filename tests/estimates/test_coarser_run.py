@@ -1,7 +1,5 @@
 """The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far a run leaves small deformations: rotations, strains, changes of stiffness, their limits and what is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
