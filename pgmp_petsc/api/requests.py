@@ -18,7 +18,7 @@ from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
+from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
