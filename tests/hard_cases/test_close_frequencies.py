@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 from mechanisms import (
     accurate,
-    assert_close,
     both,
     dense_eigenvalues,
     flywheel_meshes,
@@ -20,7 +19,7 @@ from mechanisms import (
     with_flywheel,
 )
 from mpi4py import MPI
-from runs import history, rom_of, samples
+from runs import assert_close, history, rom_of, samples
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

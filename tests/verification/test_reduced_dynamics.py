@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from runs import (
     accurate_scene,
+    assert_close,
     full_model,
     history,
     paper_rom,
@@ -88,8 +89,7 @@ def test_a_moving_line_gravity_and_a_moving_start() -> None:
     )  # fmt: skip
     values = samples(scene, 2, r1=np.array([5.6e-3, 6.5e-3]))
     full, reduced = (history(model, values, 2)[1] for model in (full_model(scene), reduced_model(scene)))
-    for name, allowed in (("angle", 3e-4), ("tip", 3e-4), ("bent", 0.08)):
-        assert np.abs(reduced[name] - full[name]).max() < allowed * np.abs(full[name]).max(), name
+    assert_close(full, reduced, angle=3e-4, tip=3e-4, bent=0.08)
 
 
 def test_a_rocker_that_turns_fast_is_integrated_with_the_full_models_step() -> None:

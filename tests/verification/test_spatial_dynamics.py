@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import rom_of
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
 from spatial import (
@@ -25,7 +24,6 @@ from spatial import (
     arm,
     bars_of,
     crank_tip,
-    slider_crank_in_space,
     slider_place,
     spatial_slider_crank,
 )
@@ -40,7 +38,6 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced
-from scenes import slider_crank
 
 GRAVITY = 9.81
 
@@ -470,38 +467,3 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
 
 
 # --- beams -----------------------------------------------------------------------------------------------------------
-
-
-def test_bars_in_space_move_as_beams_in_the_plane() -> None:
-    """A slider-crank whose hinges are parallel, with the weight in its plane, by its reduced models of both kinds."""
-    common = (
-        "coordinates.theta.range=[0.6,1.7]", "coordinates.theta.periodic=false", "reduction.angles=12",
-        "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
-        "simulation.duration=0.05", "simulation.step=5e-4", "simulation.initial.theta={position=0.9,velocity=8.0}",
-        'outputs.angle={type="angle",joint="crank_hinge"}',
-        'outputs.bent={type="deformation",point="crank:tip",axis="y"}',
-        'outputs.pushed={type="deformation",point="crank:tip",axis="x"}',
-        'outputs.across={type="deformation",point="crank:tip",axis="y",frame="body"}',
-        'outputs.along={type="deformation",point="crank:tip",axis="x",frame="body"}',
-        'outputs.slid={type="position",point="rod:tip",axis="x"}',
-    )  # fmt: skip
-    deep = slider_crank_in_space(
-        *common, 'effects.weight={type="gravity",direction=[0.0,-1.0,0.0]}', 'bodies.crank.mesh="0.0:0.3:10"',
-        'bodies.rod.mesh="0.3:1.0:20"', "reduction.modes=8",
-    )  # fmt: skip
-    square = [f'bodies.{name}.section={{shape="rectangle",width={WIDTH},height={WIDTH}}}' for name in ("crank", "rod")]
-    flat = slider_crank(
-        *common, *square, 'effects={}', 'effects.weight={type="gravity"}', "reduction.modes=4",
-        'bodies.crank.mesh="0.0:0.3:20"', 'bodies.rod.mesh="0.3:1.0:40"',
-    )  # fmt: skip
-    found, expected = run(deep, build(deep)), run(flat, rom_of(flat))
-    assert np.ptp(expected.outputs["angle"]) > 0.3
-    # beams are a little stiffer, 0.1 to 0.6 % in their frequencies: what vibrates differs most, here over ten periods
-    for output, share in (("angle", 1e-4), ("slid", 1e-4), ("bent", 0.05), ("across", 0.05)):
-        one, other = expected.outputs[output], found.outputs[output]
-        assert np.abs(other - one).max() < share * np.abs(one).max(), output
-    # a deformation in the axes of the crank is that in the ground's, turned back by the crank's angle
-    angle, bent, pushed = (found.outputs[name] for name in ("angle", "bent", "pushed"))
-    along, across = np.cos(angle) * pushed + np.sin(angle) * bent, np.cos(angle) * bent - np.sin(angle) * pushed
-    np.testing.assert_allclose(found.outputs["along"], along, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.outputs["across"], across, rtol=0, atol=1e-15)
