@@ -10,23 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+import spatial
 from mpi4py import MPI
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
-from spatial import (
-    CRANK,
-    DENSITY,
-    LOWER,
-    ROD,
-    SECOND_AXIS,
-    UPPER,
-    WIDTH,
-    arm,
-    bars_of,
-    crank_tip,
-    slider_place,
-    spatial_slider_crank,
-)
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -44,7 +31,7 @@ GRAVITY = 9.81
 
 def build(scene: Scene) -> ReducedOrderModel:
     """Return the reduced-order model of a scene of bars."""
-    return build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    return build_rom(scene, spatial.bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
 
 
 def run(scene: Scene, rom: ReducedOrderModel) -> Trajectory:
@@ -72,14 +59,14 @@ class RigidBars:
 
     def __init__(self, lengths: Sequence[float], places: Callable[[np.ndarray], list[Place]]) -> None:
         self.lengths, self.places = lengths, places
-        self.masses = [DENSITY * WIDTH**2 * length for length in lengths]
+        self.masses = [spatial.DENSITY * spatial.WIDTH**2 * length for length in lengths]
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Return ``sqrt(m) c`` and ``R sqrt(J)`` of all bars: half their rates' square is the kinetic energy."""
         parts = []
         for mass, length, (turn, origin) in zip(self.masses, self.lengths, self.places(theta)):
             parts.append(np.sqrt(mass) * (origin + 0.5 * length * turn[:, 0]))
-            parts.append((turn * np.sqrt(mass / 12.0) * [length, WIDTH, WIDTH]).ravel())
+            parts.append((turn * np.sqrt(mass / 12.0) * [length, spatial.WIDTH, spatial.WIDTH]).ravel())
         return np.concatenate(parts)
 
     def mass(self, theta: np.ndarray) -> np.ndarray:
@@ -122,11 +109,11 @@ def derivative(function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) 
 
 def spatial_places(theta: np.ndarray) -> list[Place]:
     """Return the places of crank, rod and slider of the spatial slider-crank."""
-    tip, along = crank_tip(theta)[:, 0], slider_place(theta)[0]
+    tip, along = spatial.crank_tip(theta)[:, 0], spatial.slider_place(theta)[0]
     cos, sin = np.cos(theta[0]), np.sin(theta[0])
     # the crank is placed along -z, with its own z along x, and turns about x
     crank = np.array([[0.0, 0.0, 1.0], [sin, cos, 0.0], [-cos, sin, 0.0]])
-    rod = (np.array([along, 0.0, 0.0]) - tip) / ROD
+    rod = (np.array([along, 0.0, 0.0]) - tip) / spatial.ROD
     # the universal joint: the direction v that was z in the rod as it is placed is at a right angle to y, still near z
     v = Rotation.from_rotvec([0.0, 0.07, -0.34]).as_matrix().T @ [0.0, 0.0, 1.0]
     normal = np.array([rod[2], -rod[0]]) / np.hypot(rod[0], rod[2])  # across the rod in the plane of x and z
@@ -135,7 +122,7 @@ def spatial_places(theta: np.ndarray) -> list[Place]:
     held = np.array([flat[0], 0.0, flat[1]])
     turn = _frame(rod, held) @ _frame(np.array([1.0, 0.0, 0.0]), v).T
     return [
-        (crank, crank_tip(theta)[:, 0] - CRANK * crank[:, 0]),
+        (crank, spatial.crank_tip(theta)[:, 0] - spatial.CRANK * crank[:, 0]),
         (turn, tip),
         (np.eye(3), np.array([along, 0.0, 0.0])),
     ]
@@ -148,17 +135,17 @@ def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.column_stack([first, across, np.cross(first, across)])
 
 
-SPATIAL = RigidBars((CRANK, ROD, 0.05), spatial_places)
+SPATIAL = RigidBars((spatial.CRANK, spatial.ROD, 0.05), spatial_places)
 
 
 def arm_places(theta: np.ndarray) -> list[Place]:
     """Return the places of both bars of the arm."""
     upper = Rotation.from_rotvec([0.0, 0.0, theta[0]]).as_matrix()
-    lower = upper @ Rotation.from_rotvec(theta[1] * SECOND_AXIS).as_matrix()
-    return [(upper, np.zeros(3)), (lower, UPPER * upper[:, 0])]
+    lower = upper @ Rotation.from_rotvec(theta[1] * spatial.SECOND_AXIS).as_matrix()
+    return [(upper, np.zeros(3)), (lower, spatial.UPPER * upper[:, 0])]
 
 
-ARM = RigidBars((UPPER, LOWER), arm_places)
+ARM = RigidBars((spatial.UPPER, spatial.LOWER), arm_places)
 
 # --- stiff bars ------------------------------------------------------------------------------------------------------
 
@@ -185,7 +172,7 @@ PUSH, PULL = (f"effects.{name}.table=[[0.0,1.0],[1.0,1.0]]" for name in ("push",
 
 def stiff_scene(*overrides: str) -> Scene:
     """Return the spatial slider-crank of stiff bars."""
-    return spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
+    return spatial.spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
 
 
 @lru_cache(maxsize=1)
@@ -214,11 +201,11 @@ def of_weight(time: float, theta: np.ndarray) -> np.ndarray:
 
 
 def of_push(time: float, theta: np.ndarray) -> np.ndarray:
-    return -derivative(slider_place, theta)[:, 0]
+    return -derivative(spatial.slider_place, theta)[:, 0]
 
 
 def of_pull(time: float, theta: np.ndarray) -> np.ndarray:
-    return derivative(lambda at: crank_tip(at)[:, 0], theta) @ OBLIQUE
+    return derivative(lambda at: spatial.crank_tip(at)[:, 0], theta) @ OBLIQUE
 
 
 def of_all(time: float, theta: np.ndarray) -> np.ndarray:
@@ -246,8 +233,8 @@ def test_stiff_bars_move_as_rigid_ones(name: str) -> None:
     assert np.ptp(expected) > 0.3
     np.testing.assert_allclose(found.coordinates, expected, rtol=0, atol=RIGID)
     np.testing.assert_allclose(found.outputs["crank_angle"], expected[:, 0], rtol=0, atol=RIGID)
-    place = slider_place(expected[:, 0])
-    np.testing.assert_allclose(found.outputs["slider_position"], place, rtol=0, atol=CRANK * RIGID)
+    place = spatial.slider_place(expected[:, 0])
+    np.testing.assert_allclose(found.outputs["slider_position"], place, rtol=0, atol=spatial.CRANK * RIGID)
     # what is stored is what bars of this mass store
     mass = np.array([SPATIAL.mass(theta)[0, 0] for theta in expected[::60]])
     speed = np.gradient(expected[:, 0], found.time, edge_order=2)[::60]
@@ -290,7 +277,7 @@ def test_a_point_mass_on_stiff_bars() -> None:
         def positions(self, theta: np.ndarray) -> np.ndarray:
             turn = self.places(theta)[0][0]
             # one moment of inertia about every axis: an isotropic J of half of it
-            ball = [np.sqrt(mass) * crank_tip(theta)[:, 0], np.sqrt(0.5 * inertia) * turn.ravel()]
+            ball = [np.sqrt(mass) * spatial.crank_tip(theta)[:, 0], np.sqrt(0.5 * inertia) * turn.ravel()]
             return np.concatenate([super().positions(theta), *ball])
 
     expected = WithMass(SPATIAL.lengths, spatial_places).motion(found.time, np.zeros(2), of_motor)
@@ -340,14 +327,14 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 @lru_cache(maxsize=1)
 def stiff_arm() -> tuple[ReducedOrderModel, RigidKinematics]:
     """Return the reduced-order model of an arm of two stiff bars, and its kinematics."""
-    scene = arm(*ARM_STIFF)
+    scene = spatial.arm(*ARM_STIFF)
     rom = build(scene)
     return rom, RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
 
 def run_arm(*overrides: str) -> Trajectory:
     """Run the arm."""
-    return simulate_reduced(ReducedModel(arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
+    return simulate_reduced(ReducedModel(spatial.arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
 
 
 def of_elbow(time: float, theta: np.ndarray) -> np.ndarray:
@@ -409,11 +396,11 @@ FALLING = 'effects.gravity={type="gravity",acceleration=9.81,direction=[0.0,-1.0
 
 @pytest.mark.parametrize("effects", [(), (FALLING,)], ids=["motor", "motor and gravity"])
 def test_the_balance_of_energy_holds(effects: tuple[str, ...]) -> None:
-    scene = spatial_slider_crank(*ELASTIC, *effects)
+    scene = spatial.spatial_slider_crank(*ELASTIC, *effects)
     model = ReducedModel(scene, build(scene))
     shares = []
     for step in (5e-4, 2.5e-4):
-        finer = spatial_slider_crank(*ELASTIC, *effects, f"simulation.step={step}")
+        finer = spatial.spatial_slider_crank(*ELASTIC, *effects, f"simulation.step={step}")
         balance = simulate_reduced(model.with_loads(finer), MPI.COMM_SELF).balance
         assert balance.exchanged > 0.1 and balance.strain.max() > 1e-6
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
@@ -428,11 +415,11 @@ def test_energy_is_conserved_without_loads() -> None:
         "effects={}", "simulation.spectral_radius=1.0", *NO_STATIC, "reduction.angles=24",
         "simulation.initial.theta={position=0.5,velocity=6.0}",
     )  # fmt: skip
-    scene = spatial_slider_crank(*free)
+    scene = spatial.spatial_slider_crank(*free)
     model = ReducedModel(scene, build(scene))
     changes = []
     for step, duration in ((5e-4, 1.0), (1e-3, 1.0), (1e-3, 2.0)):
-        longer = spatial_slider_crank(*free, f"simulation.step={step}", f"simulation.duration={duration}")
+        longer = spatial.spatial_slider_crank(*free, f"simulation.step={step}", f"simulation.duration={duration}")
         found = simulate_reduced(model.with_loads(longer), MPI.COMM_SELF)
         balance = found.balance
         total = balance.kinetic + balance.strain
@@ -456,9 +443,9 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
         "coordinates.theta.range=[-0.4,1.2]", "simulation.duration=0.03", "simulation.step=5e-5",
         "simulation.spectral_radius=1.0",
     )  # fmt: skip
-    rom = build(spatial_slider_crank(*jolted))
+    rom = build(spatial.spatial_slider_crank(*jolted))
     for damping in ("stiffness=2e-5", "ratios=[0.02,0.02,0.02,0.02]"):
-        damped = spatial_slider_crank(*jolted, f'effects.damping={{type="structural_damping",{damping}}}')
+        damped = spatial.spatial_slider_crank(*jolted, f'effects.damping={{type="structural_damping",{damping}}}')
         balance = run(damped, rom).balance
         lost = -balance.work["damping"]
         assert np.all(np.diff(lost) > -1e-15) and lost[-1] > 1e-7
