@@ -8,7 +8,7 @@ import pytest
 
 from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Load, Training
-from pgmp_petsc.bench.errors import Errors, Ledger, Trial
+from pgmp_petsc.bench.history import Errors, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import ReductionChoice
 from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from runs import PAPER_SCENE, paper_scene
 
-from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Setting, step_of
-from pgmp_petsc.bench.sweep import (
+from pgmp_petsc.bench.candidates import (
     FULL,
     QUICK,
+    Limits,
     Sweep,
     best_settings,
     columns_of,
@@ -18,6 +17,7 @@ from pgmp_petsc.bench.sweep import (
     own_setting,
     settings_around,
 )
+from pgmp_petsc.bench.cases import Setting, step_of
 from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml

@@ -18,7 +18,7 @@ from pgmp_petsc.estimates.coarser_run import (
     amplification,
     step_errors,
 )
-from pgmp_petsc.estimates.coverage import step_remarks, too_few_steps
+from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import load_scene

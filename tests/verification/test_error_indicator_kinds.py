@@ -18,8 +18,8 @@ from spatial_beams import lines_of, slider_crank_of_beams
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.estimates.coverage import absence_of_estimates
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
+from pgmp_petsc.estimates.own_error import absence_of_estimates
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel

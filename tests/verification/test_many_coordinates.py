@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.estimates.coverage import why_not_of_full_order
+from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables

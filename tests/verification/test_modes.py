@@ -13,11 +13,10 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.modes import dense_pencil as dense_module
+from pgmp_petsc.modes import pencils as dense_module
 from pgmp_petsc.modes import problem as problem_module
-from pgmp_petsc.modes.dense_pencil import DensePencil
+from pgmp_petsc.modes.pencils import DensePencil, SparsePencil
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel

@@ -14,8 +14,8 @@ from solids import body_of, matrices_of, mesh_of, rule_of, straightened
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.cell_checks import check_cells
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.solid_mesh_reading import check_cells
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 QUADRATIC = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")
