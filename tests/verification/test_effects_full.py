@@ -1,7 +1,4 @@
-"""Loads, masses and joints' forces in the full-order model against closed forms or an independent integration.
-
-`recorded` runs both forms of the model and compares them; what is checked here is the distributed one.
-"""
+"""Loads, masses and joints' forces in the full-order model against closed forms or an independent integration."""
 
 from collections.abc import Callable
 

@@ -1,9 +1,4 @@
-"""Reduced runs in space: the rigid limit by Lagrange's equations of solid bars, the balance of energy, conservation.
-
-The rigid limit has materials a thousand times as stiff as steel, so that the bars bend by less than a millionth of
-their length. Its reference knows of the model nothing but the scene: the bars' places over the coordinates are closed
-forms, and their masses and inertias those of boxes.
-"""
+"""Reduced runs in space: the rigid limit by Lagrange's equations of solid bars, the balance of energy, conservation."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
