@@ -239,10 +239,8 @@ WEIGHT = (
 RANGES = {
     "revolution": ("simulation.initial.theta={position=1.4,velocity=3.0}",),
     # an arc around the crossing with angles so close that both modes form a cluster at many of them
-    "arc": (
-        "coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
-        "simulation.initial.theta={position=1.55,velocity=3.0}",
-    ),
+    "arc": ("coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
+        "simulation.initial.theta={position=1.55,velocity=3.0}",),
 }  # fmt: skip
 
 
