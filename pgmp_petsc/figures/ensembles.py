@@ -277,8 +277,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    notes = captions.of_records([ensemble.record])
-    top_legend(figure, keys, heading("Outputs over time", ensemble.record, label), notes)
+    captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
     return figure
 
 
@@ -329,8 +328,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
-    what = heading("Sobol indices of outputs", ensemble.record, label)
-    top_legend(figure, keys, what, captions.of_records([ensemble.record]))
+    captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
     return figure
 
 
@@ -348,8 +346,7 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
     axes.set_ylabel("half the interval / what was wanted")
-    top_legend(figure, keys, heading("precision at every look", ensemble.record, label), captions.of_records(
-        [ensemble.record]))  # fmt: skip
+    captions.headed(figure, keys, "precision at every look", ensemble.record, label)
     return figure
 
 
@@ -383,10 +380,8 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         long = np.nanmax(ends) - np.nanmin(ends) < 1e-4 * np.nanmax(np.abs(ends))  # labels of many digits
         axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(axis_label(f"mean {name}".replace(".", ", "), unit))
-    what = heading(
-        f"{best} model from few samples of it, {100 * found.confidence:g} % intervals", ensemble.record, label
-    )
-    top_legend(figure, [], what, captions.of_records([ensemble.record]))
+    what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
+    captions.headed(figure, [], what, ensemble.record, label)
     return figure
 
 
@@ -412,6 +407,5 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    what = heading(found.event.replace("_", " "), found.record, label)
-    top_legend(figure, keys, what, captions.of_records([found.record]))
+    captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
     return figure

@@ -146,7 +146,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         if mode % COLUMNS == 0:
             axes.set_ylabel(axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
-    top_legend(figure, [], heading(what, table.record, label), captions.of_records([table.record]))
+    captions.headed(figure, [], what, table.record, label)
     return figure
 
 
