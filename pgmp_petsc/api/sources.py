@@ -86,12 +86,8 @@ class Origin:
         """Return the model, with the step of its scene. Collective on `comm`.
 
         `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here;
-        it may return another scene to take.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or has what its kind of model cannot have.
+        it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
+        cannot have.
         """
         rom, meshes = None, {}
         if self.model == REDUCED and isinstance(self.source, Rom):
@@ -121,10 +117,7 @@ def scene_and_meshes(
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
 
-    Raises
-    ------
-    InputError
-        If it is none, or has what the purpose cannot do with it.
+    Raises `InputError` if it is none, or has what the purpose cannot do with it.
     """
     if isinstance(source, (str, PathLike)):
         return read_scene(Path(source), overrides, settings, comm, purpose)
@@ -179,12 +172,8 @@ class Keeper:
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
 
-        Its remarks are printed, except those in `said`, which were printed before.
-
-        Raises
-        ------
-        RunError
-            If the system fails to write.
+        Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
+        fails to write.
         """
 
         def writing_the_result() -> None:
