@@ -114,18 +114,19 @@ class ReducedFields:
     def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for reduced coordinates (n, n_eta)."""
         poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
-        coordinates, missed = self._strains.coordinates(eta), self._strains.missed(eta, values)
+        coordinates, strained = self._strains.coordinates(eta), self._strains.strained(eta)
+        missed = self._strains.missed(eta, values)
         space, found = self._kinematics.mechanism.space, {}
         for name, field in self.seen.points.items():
             number, body = field.number, self._strains.bodies[field.number]
             if number in self._rigid:
                 found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
                 continue
-            y = coordinates[number]
-            places = placed(space, poses[number], undeformed(field) + body.displacements(y)[:, : space.dimension])
+            moved = body.displacements(coordinates[number])[:, : space.dimension]
+            places = placed(space, poses[number], undeformed(field) + moved)
 
-            def strains(points: Strains, field: FieldPoints = field, y: np.ndarray = y) -> np.ndarray:
-                unmet = missed.get(field.number)
+            def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
+                y, unmet = strained[field.number], missed.get(field.number)
                 return self._strains.of(field.number, points, field.stresses.law, y, unmet, values)
 
             found[name] = with_stresses(field, places, strains, values)

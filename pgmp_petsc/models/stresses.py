@@ -10,6 +10,9 @@ inertia forces.
 Away from the nominal parameters a basis misses of the forces what hardly bends; `reduction.missed_answers` has what is
 added to the strains.
 
+Of second order in them, bodies of cells have the strains that `Recovery.curved` stands for besides. Linear strains of
+what a body that bends is shorter by are none of it: of a rod of 0.3 m they were 0.4 % of its largest stress.
+
 A reduced model of second order has beams with ``u = Psi delta + 1/2 chi delta delta``; their strains are taken in full
 there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 """
@@ -17,6 +20,7 @@ there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +32,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import Missed
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -73,6 +78,9 @@ class ReducedStrains:
         self.bodies, self._nominal = kinematics.mechanism.bodies, rom.record.parameters
         self._curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
         self._shapes = {number: rom.displacements(scheme, self.bodies[number].dofs) for number in numbers}
+        self._strained = {
+            number: _strained(shapes, rom, self.bodies[number], scheme) for number, shapes in self._shapes.items()
+        }
         self._missed = None if rom.missed is None else Missed(rom.missed, rom.tables, scheme)
         self._rows = {
             number: np.searchsorted(rom.missed.dofs, self.bodies[number].dofs)
@@ -82,8 +90,15 @@ class ReducedStrains:
 
     def coordinates(self, eta: np.ndarray) -> dict[int, np.ndarray]:
         """Return those of the bodies, each (n_dofs, n), for reduced coordinates (n, n_eta)."""
+        return self._products(self._shapes, eta)
+
+    def strained(self, eta: np.ndarray) -> dict[int, np.ndarray]:
+        """Return those whose linear strains are the bodies', each (n_dofs, n): see `Recovery.curved`."""
+        return self._products(self._strained, eta)
+
+    def _products(self, shapes: Mapping[int, Interpolant], eta: np.ndarray) -> dict[int, np.ndarray]:
         theta, delta = eta[:, : self._n_theta], eta[:, self._n_theta :]
-        return {number: shapes.product(theta, delta).T for number, shapes in self._shapes.items()}
+        return {number: own.product(theta, delta).T for number, own in shapes.items()}
 
     def missed(self, eta: np.ndarray, values: Values) -> dict[int, np.ndarray]:
         """Return what is missed of them away from the nominal parameters, (n_dofs, n), with the nominal stiffness;
@@ -97,8 +112,8 @@ class ReducedStrains:
         self, number: int, points: Strains, law: SolidLaw | BeamLaw, y: np.ndarray, missed: np.ndarray | None,
         values: Values, linear: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """Return the strains of points of a body, shape (n_points, n_strains, n), for its coordinates and what is
-        missed of them, both (n_dofs, n)."""
+        """Return the strains of points of a body, shape (n_points, n_strains, n), for what `strained` and
+        `missed` return of it."""
         body = self.bodies[number]
         if self._curved and body.strains_follow_frames:
             found = _of_beams(body, points, y)
@@ -156,7 +171,7 @@ class ReducedStresses:
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
-        coordinates, missed = self._strains.coordinates(eta), self._strains.missed(eta, values)
+        coordinates, missed = self._strains.strained(eta), self._strains.missed(eta, values)
 
         def strains(stress: StressOutput, part: slice) -> np.ndarray:
             unmet = missed.get(stress.body)
@@ -166,6 +181,28 @@ class ReducedStresses:
             )  # fmt: skip
 
         return _in_blocks(self._stresses, strains, len(eta), values)
+
+
+def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: str) -> Interpolant:
+    """Return the shapes of a body with those of pairs of modes that have its strains."""
+    of_pairs = None if body.recovery is None or rom.curvature is None else body.recovery.curved
+    if of_pairs is None:
+        return shapes
+    found, rows = _curved_strains(of_pairs, rom.projection[:, body.dofs]), shapes.rows.copy()
+    rows[..., rom.projection.shape[2] :, :] += interpolant(rom.tables.samples, found, scheme).rows
+    return replace(shapes, rows=rows)
+
+
+def _curved_strains(of_pairs: np.ndarray, projection: np.ndarray) -> np.ndarray:
+    """Return `Recovery.curved` of pairs of modes, shape (n, n_pairs, n_dofs), of a projection (n, n_dofs, m)."""
+    (n, n_dofs, m), packed = projection.shape, np.tril_indices(projection.shape[1])
+    whole = np.empty((n_dofs, n_dofs, n_dofs))
+    whole[packed] = whole[packed[::-1]] = of_pairs
+    found, pairs = np.empty((n, m * (m + 1) // 2, n_dofs)), np.tril_indices(m)
+    for modes, own in zip(projection, found):
+        half = np.tensordot(modes.T, whole, 1)
+        own[:] = np.einsum("maj,an->mnj", half, modes, optimize=True)[pairs]
+    return found
 
 
 def _of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:

@@ -144,14 +144,6 @@ def test_the_choice_begins_with_the_worst_candidate_and_each_point_helps() -> No
     assert abs(abs(rom.points.points[0]["r1"] / RADIUS - 1.0) - 0.3) < 1e-4
 
 
-def test_points_are_kept_in_the_file(tmp_path) -> None:
-    rom = rom_of(slider_crank(UNCERTAIN, *SMALL, "reduction.parameter_modes=2"))
-    rom.write(tmp_path / "rom.h5")
-    found = ReducedOrderModel.read(tmp_path / "rom.h5")
-    assert found.points.points == rom.points.points and found.n_parameter == rom.n_parameter == 2
-    np.testing.assert_array_equal(found.points.missed, rom.points.missed)
-
-
 FAST = (
     UNCERTAIN, "reduction={modes=3, static_modes=true, inertia_modes=true, parameter_modes=2, angles=240}", SPLINE,
     'effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}',
