@@ -30,6 +30,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.face_frame import FaceFrame
     from pgmp_petsc.bodies.framed_solid import FramedSolid
+    from pgmp_petsc.bodies.recovery import Recovery
     from pgmp_petsc.bodies.shape import BodyShape
     from pgmp_petsc.bodies.stresses import BodyStresses
     from pgmp_petsc.scene import Scene
@@ -221,6 +222,11 @@ class Body(ABC):
 
     def stresses(self, scene: Scene) -> BodyStresses | None:
         """Return where and how the body has stresses; None where it is not known."""
+        return None
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """How displacements on its mesh follow from its coordinates; None of what is not condensed."""
         return None
 
     @property
