@@ -30,7 +30,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.face_frame import FaceFrame
     from pgmp_petsc.bodies.framed_solid import FramedSolid
-    from pgmp_petsc.bodies.recovery import Recovery
     from pgmp_petsc.bodies.shape import BodyShape
     from pgmp_petsc.bodies.stresses import BodyStresses
     from pgmp_petsc.scene import Scene
@@ -184,6 +183,11 @@ class Body(ABC):
         return False
 
     @property
+    def curved_strains(self) -> np.ndarray | None:
+        """See `Recovery.curved`; None where nothing of the kind is known, or needed."""
+        return None
+
+    @property
     def extent(self) -> float:
         """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
         return float(np.max(np.ptp(self.shape.nodes, axis=0)))
@@ -222,11 +226,6 @@ class Body(ABC):
 
     def stresses(self, scene: Scene) -> BodyStresses | None:
         """Return where and how the body has stresses; None where it is not known."""
-        return None
-
-    @property
-    def recovery(self) -> Recovery | None:
-        """How displacements on its mesh follow from its coordinates; None of what is not condensed."""
         return None
 
     @property

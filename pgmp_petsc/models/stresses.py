@@ -185,7 +185,7 @@ class ReducedStresses:
 
 def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: str) -> Interpolant:
     """Return the shapes of a body with those of pairs of modes that have its strains."""
-    of_pairs = None if body.recovery is None or rom.curvature is None else body.recovery.curved
+    of_pairs = None if rom.curvature is None else body.curved_strains
     if of_pairs is None:
         return shapes
     found, rows = _curved_strains(of_pairs, rom.projection[:, body.dofs]), shapes.rows.copy()
