@@ -68,7 +68,7 @@ class FullModel:
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
 
-            self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism))
+            self._stresses = FullStresses(self.outputs, Unknowns(mechanism))
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
