@@ -323,21 +323,22 @@ class Run:
         Final state.
     status, failure_time
         Of every sample, shape (n_samples,).
-    n_steps, n_iterations
-        Steps, and Newton corrections of all samples together.
-    n_fresh
-        Those that found a matrix and its factors anew; known of a single sample.
-    n_calls
-        Calls of the system for steps and corrections.
+    n_steps
+        Number of steps.
+    counted
+        See `AlphaStep`.
     """
 
     state: State
     status: np.ndarray
     failure_time: np.ndarray
     n_steps: int
-    n_iterations: int
-    n_fresh: int = 0
-    n_calls: int = 0
+    counted: np.ndarray
+
+    @property
+    def n_iterations(self) -> int:
+        """Newton corrections of all samples together."""
+        return int(self.counted[0])
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -404,7 +405,7 @@ def integrate(
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here()(stepper, system.comm, prefix)
-    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *stepper.counted.tolist())
+    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.counted)
 
 
 @dataclass(frozen=True)
