@@ -5,14 +5,14 @@ one sample, or their derivatives with a parameter, in place of those of all term
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),
 
-and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, one after the
-other: jets of all entries are vectors (n_entries, n_jets, LANES).
+and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, those of each
+slope together: jets of all entries are vectors (n_entries, n_jets, LANES).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import combinations_with_replacement
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -37,13 +37,7 @@ from pgmp_petsc.runtime.vectors import (
 
 def n_jets(r: int) -> int:
     """Return how many numbers a jet with r coordinates has."""
-    return 1 + r + r * (r + 1) // 2
-
-
-@njit(inline="always")
-def second(r, k, l):
-    """Return where ``d_k d_l A`` is in a jet."""
-    return 1 + r + (k * (k + 1) // 2 + l if k >= l else l * (l + 1) // 2 + k)
+    return 1 + r + r * r
 
 
 @njit(error_model="numpy")
@@ -105,9 +99,7 @@ def _jet(n_powers: int, order: int, about: str) -> Callable:
     @intrinsic
     def function(typing, coefficients, entry, place):
         r = len(place)
-        wanted = [which for total in range(order + 1) for which in combinations_with_replacement(range(r), total)]
-        # k >= l, k the slower one
-        wanted.sort(key=lambda which: (len(which), which[::-1]))
+        wanted = [which for total in range(order + 1) for which in product(range(r), repeat=total)]
 
         def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
             base = builder.mul(args[1], ir.Constant(args[1].type, n_powers**r))
