@@ -212,24 +212,24 @@ C = """struct slopes {{ double of[R]; }};
 #define loaded (N_LOADS > 0)
 #define zeros(place) ((struct slopes){{{{0}}}})
 
-static struct slopes load_rows(const double *array, int first, int stride) {{
+static inline struct slopes load_rows(const double *array, int first, int stride) {{
     struct slopes x;
     for (int k = 0; k < R; k++) x.of[k] = array[first + k * stride];
     return x;
 }}
 
-static struct slopes add_product(struct slopes total, struct slopes x, double y) {{
+static inline struct slopes add_product(struct slopes total, struct slopes x, double y) {{
     for (int k = 0; k < R; k++) total.of[k] += x.of[k] * y;
     return total;
 }}
 
-static double dot(struct slopes x, struct slopes y) {{
+static inline double dot(struct slopes x, struct slopes y) {{
     double total = 0.0;
     for (int k = 0; k < R; k++) total += x.of[k] * y.of[k];
     return total;
 }}
 
-static void add_to_rows(double *array, int first, int stride, struct slopes x, double y) {{
+static inline void add_to_rows(double *array, int first, int stride, struct slopes x, double y) {{
     for (int k = 0; k < R; k++) array[first + k * stride] += x.of[k] * y;
 }}
 
