@@ -28,8 +28,8 @@ import numpy as np
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.errors import REDUCTION, Ledger, Trial
 from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.history import REDUCTION, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.refusal import refuse

@@ -21,7 +21,7 @@ from pgmp_petsc.bench.candidates import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.bench.errors import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.history import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.runtime.errors import InputError, RunError
 

@@ -21,7 +21,15 @@ import numpy as np
 
 from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
-from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.candidates import (
+    Limits,
+    Sweep,
+    best_settings,
+    columns_of,
+    first_settings,
+    own_setting,
+    settings_around,
+)
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
 from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
 from pgmp_petsc.bench.history import largest_errors
@@ -32,14 +40,6 @@ from pgmp_petsc.bench.reference import (
     Subject,
     choose_reference,
     distance_from_mesh,
-)
-from pgmp_petsc.bench.sweep import (
-    Sweep,
-    best_settings,
-    columns_of,
-    first_settings,
-    own_setting,
-    settings_around,
 )
 from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape

@@ -281,7 +281,7 @@ class Record:
 
         Raises
         ------
-        InputError, ValueError, LookupError, TypeError
+        ValueError, LookupError, TypeError
             If it does not fit together; see :func:`~pgmp_petsc.runtime.files.shapes_of`.
         """
         taken: dict[str, Any] = {}
@@ -292,7 +292,7 @@ class Record:
         except ValueError as error:
             if group.name == "/":
                 raise
-            raise ValueError(f"{error} (in '{group.name}')") from error
+            raise ValueError(f"'{group.name}': {error}") from error
 
     @classmethod
     def found_in(cls, group: h5py.Group) -> Self | None:

@@ -90,7 +90,12 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
     # by their order, not by time: a mechanism that speeds up would be dark in nearly all of them
     colours = TimeColours.over(np.arange(len(instants)))
 
-    _draw_shapes(left, shapes, instants, colours)
+    shapes.draw_paths(left)
+    shapes.draw_ground(left, size=18.0)
+    for order, number in enumerate(instants[:-1]):
+        shapes.draw(left, number, colours.at(order, strength=0.75), width=1.5, pin=2.8, zorder=2 + order)
+    last = len(instants) - 1
+    shapes.draw(left, instants[last], colours.at(last), width=2.6, pin=4.6, zorder=3 + last)
     _draw_scale(left, shapes, unit)
     left.set_xlim(low[0], high[0])
     left.set_ylim(low[1] - FOOT * (high - low)[1], high[1])
@@ -162,15 +167,6 @@ def _save_small(figure: Figure, path: Path) -> Path:
         few = picture.convert("RGB").quantize(N_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
     return path
-
-
-def _draw_shapes(axes: Axes, shapes: Shapes, instants: np.ndarray, colours: TimeColours) -> None:
-    shapes.draw_paths(axes)
-    shapes.draw_ground(axes, size=18.0)
-    for order, number in enumerate(instants[:-1]):
-        shapes.draw(axes, number, colours.at(order, strength=0.75), width=1.5, pin=2.8, zorder=2 + order)
-    last = len(instants) - 1
-    shapes.draw(axes, instants[last], colours.at(last), width=2.6, pin=4.6, zorder=3 + last)
 
 
 def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:

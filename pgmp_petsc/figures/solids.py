@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
@@ -340,7 +339,12 @@ class Surround:
         self.figure = new_figure(WIDTH, height + 1.1)
         self.figure.set_dpi(resolution)
         self.axes = self.figure.subplots()
-        _bare(self.axes)
+        self.axes.set_xticks([])
+        self.axes.set_yticks([])
+        self.axes.grid(False)
+        for spine in self.axes.spines.values():
+            spine.set_visible(False)
+        self.axes.set_xlabel("t = 0.0000 s", loc="right")
         if motion.quantity:
             colours = ScalarMappable(Normalize(0.0, motion.largest or 1.0), matplotlib.colormaps[COLOURS])
             bar = self.figure.colorbar(colours, ax=self.axes, pad=0.01, aspect=26, shrink=0.9)
@@ -378,15 +382,6 @@ class Surround:
         left, top = int(round(self._box.x0)), whole.shape[0] - int(round(self._box.y1))
         whole[top : top + self.size[1], left : left + self.size[0]] = picture
         return whole
-
-
-def _bare(axes: Axes) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.grid(False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    axes.set_xlabel("t = 0.0000 s", loc="right")
 
 
 def _keys(motion: Motion) -> list:

@@ -116,17 +116,20 @@ class LoopClosure:
     def _scaled_gap(self, residual: np.ndarray) -> np.ndarray:
         return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
-    def close(self, poses: np.ndarray, theta: np.ndarray, placed: bool = False) -> np.ndarray:
+    def close(
+        self, poses: np.ndarray, theta: np.ndarray, placed: bool = False, tolerance: float = CLOSURE_TOLERANCE
+    ) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
-        bodies as `placed`.
+        bodies as `placed`, down to a tolerance of the scaled residual.
 
         Raises
         ------
         InputError
             Where it does not converge.
         """
-        closed, gap = self.newton(poses, theta)
-        self.require_closed(poses, theta, gap, placed)
+        closed, gap = self.newton(poses, theta, tolerance)
+        if not np.all(gap < tolerance):
+            self.require_closed(poses, theta, gap, placed)
         return closed
 
     def require_closed(self, poses: np.ndarray, theta: np.ndarray, gap: np.ndarray, placed: bool = False) -> None:
@@ -219,8 +222,10 @@ class LoopClosure:
         jacobian = self.jacobian(poses)[:, : len(residual)]
         return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
 
-    def newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses as from `close` and the largest scaled residual (n,) of each, below `CLOSURE_TOLERANCE` where it
+    def newton(
+        self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float = CLOSURE_TOLERANCE
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses as from `close` and the largest scaled residual (n,) of each, below the tolerance where it
         converged; undriven where no theta is given."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
         for _ in range(MAX_ITERATIONS):
@@ -228,7 +233,7 @@ class LoopClosure:
             residual = self.residual(poses, wanted)[:n_rows]
             gap = self._scaled_gap(residual)
             # each theta stops by itself, so that the others in the call have no part in its last digits
-            open_ones = (gap >= CLOSURE_TOLERANCE) & np.isfinite(gap)
+            open_ones = (gap >= tolerance) & np.isfinite(gap)
             if not open_ones.any():
                 break
             moving = poses[..., open_ones]

@@ -410,9 +410,8 @@ def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.nda
     return np.linalg.slogdet(product)[0] > 0
 
 
-LONGEST = (
-    0.1  # rad of a step: from the rates at its start, Newton's method closes the loops in two or three corrections
-)
+LONGEST = 0.1  # rad of a step: Newton's method goes from one place to the next in a correction or two
+ON_THE_WAY = 1e-2  # of the mechanism's size or of 1 rad: from so near it follows the branch to the next place
 
 
 class Walk:
@@ -444,9 +443,6 @@ class Walk:
         poses = np.repeat(self._poses, len(theta), axis=2)
         for step in range(1, int(n_steps.max(initial=0)) + 1):
             going = np.flatnonzero(step <= n_steps)
-            share = 1.0 / n_steps[going]
-            along = self._closure.rates(poses[..., going])
-            moved = np.einsum("bpkn,nk->bpn", along, share[:, None] * away[going])
-            places = self._theta + (step * share)[:, None] * away[going]
-            poses[..., going] = self._closure.close(poses[..., going] + moved, places)
-        return poses
+            places = self._theta + (step / n_steps[going])[:, None] * away[going]
+            poses[..., going] = self._closure.close(poses[..., going], places, tolerance=ON_THE_WAY)
+        return self._closure.close(poses, theta)

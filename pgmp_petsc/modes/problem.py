@@ -27,8 +27,7 @@ from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
-from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
-from pgmp_petsc.modes.sparse_pencil import SparsePencil
+from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.petsc import has_options
 

@@ -18,9 +18,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning

@@ -17,7 +17,6 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rom_file import (
@@ -31,7 +30,7 @@ from pgmp_petsc.reduction.rom_file import (
     SecondOrderFile,
     StiffnessChangesFile,
 )
-from pgmp_petsc.reduction.sample_grid import ParameterPoints
+from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, shapes_of

@@ -20,7 +20,6 @@ from types import TracebackType
 import numpy as np
 from scipy.linalg import block_diag
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.sample_grid import ParameterPoints
@@ -233,7 +232,10 @@ class _Shares:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []
-        middles = _middles(problem.kinematics)
+        # configurations spread over the range, shape (n, n_theta)
+        n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / problem.kinematics.n_coordinates)))
+        axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in problem.kinematics.coordinates]
+        middles = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
         own = middles[list(group.arc(len(middles)))]
         if not own.size:
             return
@@ -302,13 +304,6 @@ class _Configuration:
             rest = snapshot - basis @ (scale[:, None] * projected)
             worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
         return worst
-
-
-def _middles(kinematics: RigidKinematics) -> np.ndarray:
-    """Return configurations spread over the range, shape (n, n_theta)."""
-    n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / kinematics.n_coordinates)))
-    axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in kinematics.coordinates]
-    return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
 def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

@@ -40,10 +40,9 @@ from pgmp_petsc.runtime.files import replacing
 if TYPE_CHECKING:
     from pgmp_petsc.results.ensemble import Ensemble, Joined, ShardSamples, Stopping
     from pgmp_petsc.results.gradients import Derivatives
-    from pgmp_petsc.results.modes import ModesTable
     from pgmp_petsc.results.statistics import Statistics
     from pgmp_petsc.results.tradeoff import Tradeoff
-    from pgmp_petsc.results.trajectory import Trajectory
+    from pgmp_petsc.results.trajectory import ModesTable, Trajectory
     from pgmp_petsc.runtime.files import RunRecord
 
 # kinds whose figures are all that the file has, but for samples one by one

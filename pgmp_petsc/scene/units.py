@@ -91,7 +91,12 @@ def convert_parameters(data: dict[str, Any]) -> dict[str, str]:
             factor, dimension = measure(unit)
         except UnknownUnit:
             continue
-        label = _label(unit, dimension)
+        # the SI unit of a dimension, with angles where `unit` has them; None where scenes hold no such numbers
+        fitting = [label for label, known in SI.items() if known == dimension]
+        if len(fitting) > 1:
+            angular = any(turn in _plain(unit) for turn in ANGULAR)
+            fitting.sort(key=lambda label: ("rad" in label) != angular)
+        label = next(iter(fitting), None)
         if label is not None and _plain(unit) not in _plain_names():
             given[name] = unit
             parameters[name] = _in_si(parameter, factor) | {"unit": label}
@@ -181,15 +186,6 @@ def take_unit(unit: str) -> None:
 def _allowed(uses: list[Use]) -> set[Dimension]:
     """Return the dimensions that all uses take."""
     return set.intersection(*({SI[unit] for unit in use.units} for use in uses)) if uses else set()
-
-
-def _label(unit: str, dimension: Dimension) -> str | None:
-    """Return the SI unit of a dimension, with angles where `unit` has them; None where scenes hold no such numbers."""
-    fitting = [label for label, known in SI.items() if known == dimension]
-    if len(fitting) > 1:
-        angular = any(turn in _plain(unit) for turn in ANGULAR)
-        fitting.sort(key=lambda label: ("rad" in label) != angular)
-    return next(iter(fitting), None)
 
 
 def _contradiction(name: str, uses: list[Use]) -> str:

@@ -1,7 +1,5 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

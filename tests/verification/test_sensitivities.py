@@ -1,7 +1,5 @@
 """Derivatives of runs against central differences: bodies, coordinates, effects and starts of every kind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -101,13 +99,9 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
 
 def test_derivatives_of_solids_are_central_differences() -> None:
     scene = solid_slider_crank(
-        "parameters={E={nominal=210e9}, t={nominal=10e-3}}",
-        'materials.steel.E="E"',
-        'bodies.crank.thickness="t"',
-        "reduction.modes=3",
-        "reduction.angles=16",
-        *MOVING,
-    )
+        "parameters={E={nominal=210e9}, t={nominal=10e-3}}", 'materials.steel.E="E"', 'bodies.crank.thickness="t"',
+        "reduction.modes=3", "reduction.angles=16", *MOVING,
+    )  # fmt: skip
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         compare(ReducedModel(scene, build_rom(scene, solid_meshes(n_per_metre=20), group)))
 
