@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -51,9 +50,7 @@ class ParameterSnapshots:
     def __enter__(self) -> ParameterSnapshots:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for problem in self.problems:
             problem.close()
 
@@ -121,6 +118,9 @@ class Compression:
     def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int) -> Compression:
         """Find the leading vectors.
 
+        Raises `InputError` if they are not independent at every configuration: where one vanishes, the reduced mass
+        would be singular.
+
         Parameters
         ----------
         grams
@@ -130,11 +130,6 @@ class Compression:
             over two of them, those that do are orthogonal to those that do not.
         n_parameter
             Number of vectors wanted.
-
-        Raises
-        ------
-        InputError
-            If they are not independent at every configuration: where one vanishes, the reduced mass would be singular.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
@@ -179,19 +174,15 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
+    Raises `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an
+    eigenproblem fails.
+
     Parameters
     ----------
     problem
         Eigenproblem at the nominal parameters.
     loads
         What static modes answer.
-
-    Raises
-    ------
-    InputError
-        If no parameter has a distribution: there is nowhere to take modes.
-    RunError
-        If an eigenproblem fails.
     """
     if not scene.reduction.parameter_modes:
         return ParameterPoints.none()

@@ -42,6 +42,10 @@ ELBOW = (
     'effects.friction={type="joint_friction",joint="elbow",limit="limit",speed=0.5}',
     'effects.bearing={type="joint_damping",joint="elbow",coefficient="rate"}',
 )  # fmt: skip
+BUSHING = (
+    'parameters.k={nominal=200.0}',
+    'effects.bush={type="bushing",points=["ground:origin","crank:tip"],reference=[[1.0,0.0]],stiffness=["k",0.0],damping=[0.5,0.0]}',
+)  # fmt: skip
 PUSH = (
     'parameters.push={nominal=1.0}', "reduction.static_modes=false",
     'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,table=[[0.0,0.0],[0.02,8.0]],scale="push"}',
@@ -53,6 +57,7 @@ SCENES = {
     "beams of second order": slider_crank(*MODES, "reduction.second_order=true", *OUTPUTS, *MOVING, DAMPING),
     "spring and damper": slider_crank(*MODES, *OUTPUTS, *MOVING, *SPRING),
     "friction and damping of a joint": slider_crank(*MODES, *OUTPUTS, *MOVING, *ELBOW),
+    "bushing that pulls at the start": slider_crank(*MODES, *OUTPUTS, *MOVING, *BUSHING),
     "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
     "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
     "overhauser": slider_crank(*MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
