@@ -84,8 +84,8 @@ class Term:
         orders = []
         for group in self.groups:
             own = tuple(left.pop(0) for _ in group.replace("^", ""))
-            swapped = {(own, 1), (own[::-1], -1)}
-            orders.append(swapped if "^" in group else {(order, 1) for order in itertools.permutations(own)})
+            swapped = [(own, 1), (own[::-1], -1)]
+            orders.append(swapped if "^" in group else [(one, 1) for one in sorted({*itertools.permutations(own)})])
         result: Polynomial = {}
         for chosen in itertools.product(*orders):
             names = dict(zip(letters, itertools.chain(*(order for order, _ in chosen))))
@@ -183,14 +183,15 @@ class Target:
         In what is printed. For derivatives with all theta the place is the first one.
     stride
         From one theta to the next; empty for one number.
-    letters
-        That the place depends on.
     """
 
     array: str
     place: str
     stride: str = ""
-    letters: str = ""
+
+    def moves_with(self, letter: str) -> bool:
+        """Return whether it is another place for each value of a letter."""
+        return re.search(rf"\b{letter}\b", self.place) is not None
 
 
 @dataclass(frozen=True)
@@ -265,9 +266,9 @@ class Loops:
             found += [one for _, sums in parts for one in sums]
         if letter == ANY:
             return lines, found
-        inside = [one for one in found if letter in one.target.letters]
+        inside = [one for one in found if not letter or one.target.moves_with(letter)]
         lines += self._added(inside, letter)
-        return lines, [one for one in found if letter not in one.target.letters]
+        return lines, [one for one in found if one not in inside]
 
     def _loop(self, states: Sequence[_State], letter: str, count: str) -> tuple[list[str], list[_Sum]]:
         """Return a loop, with what it adds up for the ones around it."""

@@ -278,8 +278,8 @@ def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
                 other = blocks.get((y, x, source), {})
                 place = f"{packed(x)} + {y}"
                 even = total((HALF, factor), (HALF, other))
-                yield Target("factor", place, letters=x + y), source, even, "fresh"
-                yield Target("skew", place, letters=x + y), source, total((HALF, factor), (-HALF, other)), "fresh"
+                yield Target("factor", place), source, even, "fresh"
+                yield Target("skew", place), source, total((HALF, factor), (-HALF, other)), "fresh"
         else:
             yield _bordered(x, y), source, factor, "fresh"
 
@@ -292,20 +292,20 @@ def _is_rate(factor: str) -> bool:
 def _bordered(x: str, y: str) -> Target:
     """Return the place of a derivative of row x with y in the border of the flexible block."""
     if y == ANY:
-        return Target("corner", f"{x} * r", "1", x) if x in THETA else Target("column", x, "m", x)
+        return Target("corner", f"{x} * r", "1") if x in THETA else Target("column", x, "m")
     if x == ANY:
-        return Target("corner", y, "r", y) if y in THETA else Target("row", y, "m", y)
+        return Target("corner", y, "r") if y in THETA else Target("row", y, "m")
     if x in THETA and y in THETA:
-        return Target("corner", f"{x} * r + {y}", letters=x + y)
+        return Target("corner", f"{x} * r + {y}")
     outer, inner, array = (x, y, "row") if x in THETA else (y, x, "column")
-    return Target(array, f"{outer} * m + {inner}", letters=x + y)
+    return Target(array, f"{outer} * m + {inner}")
 
 
 def _balanced(term: Term, bound: Sequence[str]) -> Iterator[Output]:
     """Yield what an entry adds to the residual."""
     for part in equations(term, bound):
         x = part.row
-        target = Target("balance", "0", "1") if x == ANY else Target("balance", at(x), letters=x)
+        target = Target("balance", "0", "1") if x == ANY else Target("balance", at(x))
         yield target, part.source, part.factor, ""
 
 
@@ -316,9 +316,9 @@ def _differentiated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
         if y == ANY and part.order == "q":
             continue
         if ANY in (x, y):
-            target = Target(array, at(y), "n", y) if x == ANY else Target(array, f"({at(x)}) * n", "1", x)
+            target = Target(array, at(y), "n") if x == ANY else Target(array, f"({at(x)}) * n", "1")
         else:
-            target = Target(array, f"({at(x)}) * n + {at(y)}", letters=x + y)
+            target = Target(array, f"({at(x)}) * n + {at(y)}")
         yield target, part.source, part.factor, ""
 
 
