@@ -15,7 +15,6 @@ from collections.abc import Callable
 from itertools import product
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -37,25 +36,6 @@ from pgmp_petsc.runtime.vectors import (
 def n_jets(r: int) -> int:
     """Return how many numbers a jet with r coordinates has."""
     return 1 + r + r * r
-
-
-@njit(error_model="numpy")
-def cell_of(theta, grid, place):
-    """Return the number of the cell of theta (n_theta or more,), and fill the place in it, rad; see `locate_all`."""
-    number = 0
-    for k in range(len(grid)):
-        n = grid[k].n_cells
-        position = (theta[k] - grid[k].lower) / grid[k].step
-        cell = int(np.floor(position))
-        place[k] = (position - cell) * grid[k].step
-        if grid[k].periodic:
-            cell = cell % n
-        elif cell < 0 or cell > n - 1:
-            inside = min(max(cell, 0), n - 1)
-            place[k] += (cell - inside) * grid[k].step
-            cell = inside
-        number = number * n + cell
-    return number
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

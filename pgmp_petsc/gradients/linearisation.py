@@ -20,10 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
+from pgmp_petsc.gradients.jets import fill_jets, fill_rigid_jets, n_jets, weigh
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
+from pgmp_petsc.reduced.cells import Grid
 from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
@@ -89,9 +90,8 @@ class Linearisation:
         if with_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
-        cells, places = np.empty(n_t, dtype=np.int64), np.empty((n_t, len(self._terms.layout.rigid)))
+        cells, places = _located(self._terms.grid, states.q)
         own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
-        _locate(self._terms.grid, own[0], cells, places)
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)),
             np.zeros((n_t, len(weights) - 1, n)),
@@ -179,11 +179,15 @@ def _take_up(layout, state, mass_damping, moment):
         moment[2, x] = state[2, x] + mass_damping * state[1, x]
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def _locate(grid, q, cells, places):
-    """Fill the numbers of the cells of coordinates (n_t, n_eta), (n_t,), and the places there (n_t, n_theta)."""
-    for t in range(cells.size):
-        cells[t] = cell_of(q[t], grid, places[t])
+def _located(grid: Sequence[Grid], theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the cells of theta (n_t, n_theta or more), (n_t,), and the places there (n_t, n_theta)."""
+    cells, places = np.zeros(len(theta), dtype=np.int64), np.empty((len(theta), len(grid)))
+    for k, axis in enumerate(grid):
+        position = (theta[:, k] - axis.lower) / axis.step
+        cell = np.floor(position) if axis.periodic else np.clip(np.floor(position), 0, axis.n_cells - 1)
+        places[:, k] = (position - cell) * axis.step
+        cells = cells * axis.n_cells + cell.astype(np.int64) % axis.n_cells
+    return cells, places
 
 
 @njit(cache=True, entry=True, error_model="numpy")
