@@ -255,7 +255,7 @@ class ComponentModel(FullModel):
     scene
         The scene.
     shapes
-        Of the bodies, the flexible ones as `components.floating_frames` makes them.
+        Of the bodies, the flexible ones as `components.condensing` makes them.
     kinematics
         Of the same mechanism, where they are at hand.
     n_ranks

@@ -19,9 +19,8 @@ from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.reconstruction import Reconstruction
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.served_range import Served, served_ranges
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.second_order_system import State

@@ -17,8 +17,7 @@ from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
