@@ -223,9 +223,7 @@ def test_more_modes_than_the_mesh_has_are_refused() -> None:
         assert problem.solve(1.0).frequencies_hz.shape == (30,)
 
 
-def test_a_missing_eigenvalue_is_noticed(
-    pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_eigenvalue_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch) -> None:
     a, b, _ = pencil
     fetch = ShiftInvertSolver._fetch
 
