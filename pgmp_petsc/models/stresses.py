@@ -161,7 +161,7 @@ class Amplitudes:
     def __init__(self, rom: ReducedOrderModel, body: Body, scheme: str) -> None:
         self.curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
         self._shapes = self._strained = rom.displacements(scheme, body.dofs)
-        of_pairs = None if body.recovery is None or not self.curved else body.recovery.curved
+        of_pairs = body.curved_strains if self.curved else None
         self.has_own_strains = of_pairs is not None
         if self.has_own_strains:
             found = _curved_strains(of_pairs, rom.projection[:, body.dofs])

@@ -221,6 +221,15 @@ def test_vectors_that_vanish_somewhere_are_refused() -> None:
         Compression.of(grams, np.zeros((1, 2), dtype=bool), 2)
 
 
+def test_vectors_that_vanish_at_samples_that_came_later_are_chosen_anew() -> None:
+    grams, flips = np.array([np.eye(2), np.eye(2)]), np.zeros((1, 2), dtype=bool)
+    later = np.array([*grams, np.ones((2, 2))])
+    found = Compression.of(grams, flips, 2)
+    assert found.holds(grams) and not found.holds(later)
+    fewer = Compression.of(later, flips, 2, fewer=True)
+    assert fewer.matrix.shape == (2, 1) and fewer.flips.shape == (1, 1) and fewer.holds(later)
+
+
 def test_a_leading_vector_that_vanishes_somewhere_is_passed_over() -> None:
     """As the answer to a spring does where that stands along a bar."""
     grams = np.array([np.diag([4.0, 1.0, 0.5]), np.diag([4.0, 1.0, 0.5]), np.diag([0.0, 1.0, 0.5])])
