@@ -51,8 +51,8 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:

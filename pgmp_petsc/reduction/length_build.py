@@ -18,15 +18,14 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
-from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
-from pgmp_petsc.reduction.tables import indefinite_between
+from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import extremes, held, length_names
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.uses import extremes, held, length_names
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -20,12 +20,11 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_build
 from pgmp_petsc.reduction.length_family import LengthCheck
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, refuse_beyond, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.reduction.served_range import check_served, refuse_beyond, served_ranges
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene.lengths import length_names, length_range
+from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)

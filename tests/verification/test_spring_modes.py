@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.modes.vibration import VibrationProblem, frequencies_of
+from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
