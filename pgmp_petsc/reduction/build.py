@@ -47,7 +47,7 @@ from pgmp_petsc.reduction.continuous_basis import (
     midpoints,
 )
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.length_build import build_over_lengths
+from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.rom_file import BodyFile
@@ -330,8 +330,8 @@ def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
         return ()
     return (
         warning(
-            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, as "
-            "others vanish between those that were sampled first; outputs at other parameter values may be served less"
+            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
+            "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
         ),
     )
 
