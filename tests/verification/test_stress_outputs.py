@@ -327,7 +327,7 @@ def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> Non
         shapes = file["mesh/rod/recovery/shapes"][:-1]
         del file["mesh/rod/recovery/shapes"]
         file["mesh/rod/recovery/shapes"] = shapes
-    with pytest.raises(InputError, match="recovery has shapes .*in '/mesh/rod/recovery'"):
+    with pytest.raises(InputError, match="'/mesh/rod/recovery': recovery has shapes"):
         ReducedOrderModel.read(tmp_path / "rom.h5")
     first.write(tmp_path / "run.h5")
     kept = Trajectory.read(tmp_path / "run.h5").fields
