@@ -138,9 +138,7 @@ def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path, capfd: pyt
     assert "left the range" in said and found.why_stopped in said
 
 
-def test_nothing_is_compared_with_a_reference_that_did_no_step(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path, capfd: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "job"
     ends_with(1, "run", HERE / "massless_all.toml", "-n", "2", "-o", folder)
     said = capfd.readouterr()
