@@ -296,10 +296,7 @@ class Bench:
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count.
 
-        Raises
-        ------
-        RunError
-            If the scene itself, at nominal parameters, cannot be run.
+        Raises `RunError` if the scene itself, at nominal parameters, cannot be run.
         """
         names, title, setting = self._names(loads), self.full_model.title, Setting("reference", n_steps)
         cases = [self.training.case(self.scene, name) for name in names]

@@ -60,10 +60,7 @@ class History:
     def require_fine(self, values: Mapping[str, np.ndarray]) -> Self:
         """Return the history, of samples with some parameter values.
 
-        Raises
-        ------
-        RunError
-            If a sample failed, with the first one's values, time and reason.
+        Raises `RunError` if a sample failed, with the first one's values, time and reason.
         """
         failed = np.flatnonzero(self.status != Status.FINE)
         if not failed.size:
@@ -105,8 +102,6 @@ def run_history(
         Any model of a scene.
     values
         Parameter values, each of shape (n_samples,).
-    n_samples
-        Number of samples.
     n_steps
         Equal time steps over the scene's duration.
     system

@@ -92,12 +92,7 @@ class ReductionChoice:
         """Choose; the trial that is returned is the reduced model itself.
 
         The search begins with few angles. They are doubled where that betters the best basis of medium size, and where
-        none does it, for as long as that changes the best of all.
-
-        Raises
-        ------
-        InputError
-            If the tolerance cannot be met.
+        none does it, for as long as that changes the best of all. Raises `InputError` if the tolerance cannot be met.
         """
         while (found := self._cheapest_basis()) is None:
             if self._angles_count(best := self._best_looked_at()):

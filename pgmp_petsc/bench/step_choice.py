@@ -339,12 +339,7 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the
     training values of its parameters. Without a tolerance the model is returned as it is, and nothing is to be said. A
-    step that the scene gives is kept.
-
-    Raises
-    ------
-    InputError
-        If no step, or not the given one, keeps the tolerance.
+    step that the scene gives is kept. Raises `InputError` if no step, or not the given one, keeps the tolerance.
     """
     simulation = model.scene.simulation
     if simulation.tolerance is None:

@@ -123,11 +123,7 @@ def large_errors(
 
 
 def step_remarks(
-    model: FullModel,
-    time: np.ndarray,
-    outputs: Mapping[str, np.ndarray],
-    other: CoarserRun,
-    errors: StepErrors | None,
+    model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
 ) -> list[Remark]:
     """Return what is to be said of the estimated errors of a run's time step.
 

@@ -66,12 +66,8 @@ PORTRAITS = {
 def portrait(run: Trajectory, shown: Portrait) -> Figure:
     """Draw a run's shapes, equally spaced in the motion of its coordinates, beside the curve of an output.
 
-    Dots on the curve have the colours of the shapes; those of surfaces are their stresses, and dots are grey.
-
-    Raises
-    ------
-    InputError
-        If the run has no frames or not this output.
+    Dots on the curve have the colours of the shapes; those of surfaces are their stresses, and dots are grey. Raises
+    `InputError` if the run has no frames or not this output.
     """
     if run.frames is None or shown.output not in run.outputs:
         raise InputError(
@@ -149,13 +145,7 @@ def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> n
 
 
 def draw(runs: Path, images: Path) -> list[Path]:
-    """Draw the portraits of all scenes and return their paths.
-
-    Raises
-    ------
-    InputError
-        If a run is missing or damaged.
-    """
+    """Draw the portraits of all scenes and return their paths. Raises `InputError` if a run is missing or damaged."""
     read = {name: Trajectory.read(runs / f"{name}.h5") for name in PORTRAITS}
     images.mkdir(parents=True, exist_ok=True)
     return [_save_small(portrait(run, PORTRAITS[name]), images / f"gallery_{name}.png") for name, run in read.items()]

@@ -216,6 +216,8 @@ def mechanism(
 ) -> Figure:
     """Draw the mechanism's shape at instants that divide the run equally.
 
+    Raises `InputError` if the trajectory has no frames.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -227,11 +229,6 @@ def mechanism(
         body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
     label : str
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the trajectory has no frames.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):

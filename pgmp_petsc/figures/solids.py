@@ -43,10 +43,7 @@ SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
 def drawing() -> ModuleType:
     """Return pyvista, ready to draw without a screen.
 
-    Raises
-    ------
-    InputError
-        If it cannot be imported, or cannot draw here; with the cure.
+    Raises `InputError` if it cannot be imported, or cannot draw here; with the cure.
     """
     try:
         if not os.environ.get("DISPLAY"):
@@ -250,6 +247,8 @@ LOWEST, HIGHEST = 2.2, 6.6
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
     """Draw the bodies of a run with von Mises' stress in colour.
 
+    Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
+
     Parameters
     ----------
     run
@@ -260,11 +259,6 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
         Factor on the deformation; stated in the picture if it is not 1.
     label
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -296,10 +290,7 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
 def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) -> Iterator[np.ndarray]:
     """Return an iterator over the pictures of instants, all of one size, as bytes of shape (height, width, 3).
 
-    Raises
-    ------
-    InputError
-        If there is nothing to draw with.
+    Raises `InputError` if there is nothing to draw with.
     """
     drawing()
     return _images(motion, numbers, Surround(motion, "", resolution))

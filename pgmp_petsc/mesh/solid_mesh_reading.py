@@ -63,11 +63,7 @@ def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) 
 
     Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind` use every node. Messages
     begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
-
-    Raises
-    ------
-    InputError
-        Naming what is wrong, and where.
+    Raises `InputError`, naming what is wrong, and where.
     """
     _check_repeated(kind, cells, received)
     _check_pieces(len(nodes), cells, received)
@@ -152,12 +148,9 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
     """Read the mesh of a plane (2) or solid (3) body from a file of one of meshio's formats.
 
     Nodes are numbered anew from one end of the body to the other, cells in the order of their lowest node. Cells of
-    lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it holds.
+    lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry. Raises
+    `InputError` if the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it
+    holds.
     """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
@@ -170,12 +163,9 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
 def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
     """Return the body's mesh from what meshio has read; `received` is the scene's entry and its value.
 
-    Raises
-    ------
-    InputError
-        If the cells are not of one supported type, name nodes that are not there or leave nodes unused; if coordinates
-        are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in several
-        pieces; or if a named group has faces that the cells do not have.
+    Raises `InputError` if the cells are not of one supported type, name nodes that are not there or leave nodes unused;
+    if coordinates are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in
+    several pieces; or if a named group has faces that the cells do not have.
     """
     return renumbered(numbered_as_filed(mesh, dimension, received))
 
@@ -283,7 +273,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    n_nodes : int
     cells : ndarray of int, shape (n_cells, n_cell_nodes)
     """
     edges = incidence_edges(n_nodes, cells)
@@ -320,7 +309,6 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     ----------
     mesh : meshio.Mesh
         What meshio has read from the file.
-    path : Path
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
@@ -375,12 +363,8 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
     """Return groups of faces (n_faces, n_face_nodes), regions of cells (n,), and how many nodes other names hold.
 
     Where a set of cells and a node set have the same name, the faces are those of the set of cells. `cells` are all
-    cells of meshio's type `kind`, block after block, in the file's numbers of nodes.
-
-    Raises
-    ------
-    InputError
-        If a group has cells that are no faces of the mesh, or a set of cells cannot be told.
+    cells of meshio's type `kind`, block after block, in the file's numbers of nodes. Raises `InputError` if a group has
+    cells that are no faces of the mesh, or a set of cells cannot be told.
     """
     own = cell_faces(kind, cells)
     face_kind = reference_element(kind).face_kind

@@ -93,10 +93,7 @@ class DensePencil:
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
 
-        Raises
-        ------
-        RunError
-            If a factorisation fails, or a residual is too large.
+        Raises `RunError` if a factorisation fails, or a residual is too large.
         """
         what = f"eigenproblem at {where}"
         self.factor(what)
@@ -148,10 +145,7 @@ class DensePencil:
     def factor(self, what: str = "factorisation") -> None:
         """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
 
-        Raises
-        ------
-        RunError
-            If it is not positive definite.
+        Raises `RunError` if it is not positive definite.
         """
         what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
         if self._interior is None or not np.array_equal(outer, self._interior.outer):
@@ -274,10 +268,7 @@ class Interior:
     def of(cls, mass: np.ndarray, shifted: np.ndarray, outer: np.ndarray, what: str) -> Interior:
         """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs).
 
-        Raises
-        ------
-        RunError
-            If ``K - sigma M`` is not positive definite; `what` says of what.
+        Raises `RunError` if ``K - sigma M`` is not positive definite; `what` says of what.
         """
         inner = np.setdiff1d(np.arange(len(mass)), outer)
         ii, io, oo = np.ix_(inner, inner), np.ix_(inner, outer), np.ix_(outer, outer)
@@ -290,13 +281,7 @@ class Interior:
 
 
 def cholesky(matrix: np.ndarray, what: str) -> np.ndarray:
-    """Return the lower Cholesky factor.
-
-    Raises
-    ------
-    RunError
-        If the matrix is not positive definite, or not finite.
-    """
+    """Return the lower Cholesky factor. Raises `RunError` if the matrix is not positive definite, or not finite."""
     if not len(matrix):
         return matrix
     factor, failed = lapack.dpotrf(matrix, lower=1)

@@ -75,8 +75,6 @@ class ModalProblem:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
     values
         Parameter values at which M and K are taken.
     n_modes
@@ -147,10 +145,7 @@ class ModalProblem:
     def solve(self, theta: np.ndarray | float) -> ModeSet:
         """Compute the modes at one configuration (n_theta,).
 
-        Raises
-        ------
-        RunError
-            If the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
+        Raises `RunError` if the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
         """
         theta, n_free = np.atleast_1d(theta), self.free.size
         rigid, curvature = self._move_to(theta)
@@ -220,7 +215,8 @@ class ModalProblem:
 
         The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
         by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the slowest ones, the step
-        is made exact: what is left contracts as the first unknown one does.
+        is made exact: what is left contracts as the first unknown one does. Raises `RunError` if the refinement does
+        not converge.
 
         Parameters
         ----------
@@ -235,11 +231,6 @@ class ModalProblem:
         -------
         ndarray, shape (n_local, n_loads)
             In the null space of the constraints and M-orthogonal to `kept`.
-
-        Raises
-        ------
-        RunError
-            If the refinement does not converge.
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))
@@ -332,10 +323,7 @@ class ModalProblem:
     def check_basis(self, n_static: int, n_parameter: int = 0) -> None:
         """Refuse more vectors than the mesh has flexible degrees of freedom.
 
-        Raises
-        ------
-        InputError
-            If modes, static modes and those of other parameter values together are too many.
+        Raises `InputError` if modes, static modes and those of other parameter values together are too many.
         """
         if self.n_modes + n_static + n_parameter > self._available:
             further = f" and {n_parameter} parameter modes" if n_parameter else ""

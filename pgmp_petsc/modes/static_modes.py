@@ -48,7 +48,8 @@ LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
     """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
 
-    Collective on the problem's communicator.
+    Collective on the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the
+    others at neighbouring configurations too.
 
     Parameters
     ----------
@@ -63,11 +64,6 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
     -------
     ndarray, shape (n_local, n_static)
         M-orthonormal, and M-orthogonal to `modes`.
-
-    Raises
-    ------
-    RunError
-        If an answer is a combination of the modes and the others at neighbouring configurations too.
     """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
@@ -175,12 +171,6 @@ class SpringStiffness:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
-    springs
-        Linear springs.
-    values
-        Parameter values.
     weights
         Conservative effects that load the mechanism; None for the unloaded state.
 

@@ -123,11 +123,6 @@ class Reading:
 class RigidReference:
     """The rigid mechanism at the coordinates that joints of the flexible one have.
 
-    Parameters
-    ----------
-    kinematics
-        Of the mechanism.
-
     Attributes
     ----------
     nodes

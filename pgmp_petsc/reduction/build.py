@@ -119,10 +119,7 @@ class _Way:
 
 
 def _condensed_and_built(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    way: _Way,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with the lengths of the scene's run."""
     timings = Timings()
@@ -134,11 +131,7 @@ def _condensed_and_built(
 
 
 def _built(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    way: _Way,
-    timings: Timings,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way, timings: Timings
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
@@ -184,6 +177,7 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *_on_angles(scene, store.samples, basis.uneven),
+        *_on_vectors(scene.reduction.parameter_modes, tables.n_modes - joined.n_kept),
     )
     return ReducedOrderModel(
         tables=tables,
@@ -196,7 +190,7 @@ def _built(
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
-        points=points,
+        points=replace(points, n_vectors=tables.n_modes - joined.n_kept),
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
@@ -238,6 +232,18 @@ def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark
     return ()
 
 
+def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
+    """Return what is said where there are fewer vectors of other parameter values than asked for."""
+    if found == asked:
+        return ()
+    return (
+        warning(
+            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, as "
+            "others vanish between those that were sampled first; outputs at other parameter values may be served less"
+        ),
+    )
+
+
 @dataclass(frozen=True)
 class _Sampling:
     """How the samples of one build are computed."""
@@ -263,10 +269,11 @@ class _Sampling:
                     joined = store.join()
                 with agreed(world, "compression"):
                     if joined is not None:
-                        # later rounds take the first one's: other vectors would have other tables to compare
-                        compression = compression or compression_of(
-                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes
+                        found = compression_of(
+                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes, compression
                         )
+                        if found is not compression:  # other vectors have other tables: nothing to compare
+                            previous, compression = None, found
                         basis = ContinuousBasis.of(
                             mechanism, store.samples, loads, joined, compression,
                             scene.nominal if scene.second_order else None,
@@ -439,17 +446,15 @@ class Manifold:
     """
 
     def __init__(
-        self,
-        problem: ModalProblem,
-        loads: Sequence[Load],
-        static_loads: StaticLoads,
-        static_stretching: bool = False,
+        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False
     ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
+
+        Raises `RunError` if the refinement of an answer does not converge.
 
         Parameters
         ----------
@@ -459,11 +464,6 @@ class Manifold:
             What was found there.
         combination
             The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

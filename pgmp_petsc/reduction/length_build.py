@@ -161,10 +161,7 @@ class _Gauge:
     def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
         """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
 
-        Raises
-        ------
-        RunError
-            If its basis has another number of vectors, or covers another number of turns.
+        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
         """
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:

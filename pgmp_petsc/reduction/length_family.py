@@ -68,17 +68,13 @@ class LengthFamily:
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run (``scene.values``).
 
-        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths.
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
+        mechanism cannot be closed with these lengths.
 
         Parameters
         ----------
         nominal
             The model at the nominal lengths, which the family belongs to.
-
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed with these lengths.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism

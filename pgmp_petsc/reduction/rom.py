@@ -105,10 +105,7 @@ class ReducedOrderModel:
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run; itself where none is a parameter.
 
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed with these lengths.
+        Raises `InputError` if the mechanism cannot be closed with these lengths.
         """
         return self if self.family is None else self.family.at(scene, self)
 
@@ -141,10 +138,8 @@ class ReducedOrderModel:
     def read(cls, path: str | Path) -> ReducedOrderModel:
         """Read ROM.h5 (one process).
 
-        Raises
-        ------
-        InputError
-            If the file is missing, cut off, of another kind or version, or its tables do not fit together.
+        Raises `InputError` if the file is missing, cut off, of another kind or version, or its tables do not fit
+        together.
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)

@@ -17,25 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
-from pgmp_petsc.figures.style import (
-    PALETTE,
-    QUIET,
-    PlainNumbers,
-    axis_label,
-    axis_unit,
-    new_figure,
-    span,
-    styled,
-)
+from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.sources import in_words
-from pgmp_petsc.results import (
-    Balance,
-    Band,
-    Sensitivity,
-    Statistics,
-    Tradeoff,
-    Trajectory,
-)
+from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row

@@ -271,12 +271,7 @@ class ModesTable(Result):
 
 @dataclass(frozen=True)
 class ModeShape:
-    """A mode.
-
-    Parameters
-    ----------
-    frequency_hz : float
-    """
+    """A mode."""
 
     record: RunRecord  # of the reduced model that it is of
     number: int  # from 1, rigid motion left out

@@ -45,7 +45,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TextIO
 
 import h5py
@@ -111,9 +110,7 @@ class GuardedStream:
     def __enter__(self) -> GuardedStream:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
         self._guarded(self._stream.close, instead=0)
         if not self._stream.closed:
@@ -187,10 +184,7 @@ class RunRecord:
     def read(cls, file: h5py.File) -> RunRecord:
         """Read the record of a file opened with :func:`open_file`.
 
-        Raises
-        ------
-        InputError
-            If it was made with a plugin that is not in use, or with another one of that name.
+        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
         """
         with shapes_of(file):
             needed = json.loads(file.attrs.get("plugins", "{}"))
@@ -223,7 +217,8 @@ def _toml(value: object) -> str:
 def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
     """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
 
-    To be called by one process only.
+    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
+    under ``path`` is left as it was.
 
     Parameters
     ----------
@@ -233,11 +228,6 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
         What it is, for the message.
     pushed
         Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
-
-    Raises
-    ------
-    RunError
-        If the system fails to write (a full disk, say); an older file under ``path`` is left as it was.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -261,7 +251,9 @@ def write_file(
 ) -> Iterator[h5py.File]:
     """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
 
-    To be called by one process only. The block calls :meth:`RunRecord.write`.
+    To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
+    written (see :func:`~pgmp_petsc.runtime.claims.check_output`); `RunError` if the system fails to write (a full disk,
+    say); an older file under `path` is left as it was.
 
     Parameters
     ----------
@@ -271,13 +263,6 @@ def write_file(
         One of :data:`KINDS`.
     attributes : mapping, optional
         Further root attributes.
-
-    Raises
-    ------
-    InputError
-        If `path` cannot be written (see :func:`~pgmp_petsc.runtime.claims.check_output`).
-    RunError
-        If the system fails to write (a full disk, say); an older file under `path` is left as it was.
     """
     import h5py
 
@@ -306,15 +291,13 @@ def version_of(kind: str) -> int:
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
     """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
 
+    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
+    attributes.
+
     Returns
     -------
     h5py.File
         Use it in a ``with`` block, with :func:`shapes_of` around what is read.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks attributes.
     """
     import h5py
 
@@ -357,10 +340,7 @@ def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) ->
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
     """Read a dataset of numbers, or of texts, and check its number of dimensions.
 
-    Raises
-    ------
-    ValueError
-        If it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
+    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
     """
     import h5py
 
@@ -447,6 +427,9 @@ def csv_table(
 ) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
 
+    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
+    entries.
+
     Parameters
     ----------
     stream
@@ -455,11 +438,6 @@ def csv_table(
         How messages name the file.
     units
         By name, the unit of each column that has a part; empty where only SI is known.
-
-    Raises
-    ------
-    InputError
-        If columns are separated otherwise, a column is in another unit, or a row has more or fewer entries.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]

@@ -40,10 +40,7 @@ SHOWN_KEYS = 4  # of a path that is too deep
 def read_text(path: Path) -> str:
     """Return the text of a scene's file.
 
-    Raises
-    ------
-    InputError
-        If there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
+    Raises `InputError` if there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
     """
     try:
         kind = path.stat()
@@ -67,13 +64,7 @@ def read_text(path: Path) -> str:
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; `source` begins the message.
-
-    Raises
-    ------
-    InputError
-        If it is no TOML.
-    """
+    """Return the tables of a TOML text; `source` begins the message. Raises `InputError` if it is no TOML."""
     try:
         return tomllib.loads(text)
     except ValueError as error:  # tomllib's own, or Python's for an integer of thousands of digits
@@ -85,10 +76,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
 def check_tables(data: Mapping[str, Any]) -> None:
     """Refuse tables that are too deep, and texts too long or with characters that are none.
 
-    Raises
-    ------
-    InputError
-        Naming the entry.
+    Raises `InputError`, naming the entry.
     """
     waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
     while waiting:
@@ -175,6 +163,8 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
     """Read and validate a scene file.
 
+    Raises `InputError` if the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
+
     Parameters
     ----------
     path : Path or str
@@ -183,11 +173,6 @@ def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequen
         ``dotted.key=VALUE`` with a TOML value: creates or replaces any entry before validation.
     settings : sequence of str
         ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
     """
     path = Path(path)
     return _scene(parse(read_text(path), str(path)), path.parent, overrides, settings)
@@ -234,10 +219,7 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
     """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
 
-    Raises
-    ------
-    InputError
-        If the key or the value is not TOML, or if the key leads through something that is not a table.
+    Raises `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table.
     """
     for override in overrides:
         keys, value = _parse_override(override)
@@ -255,10 +237,7 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
 def apply_settings(data: dict[str, Any], settings: Sequence[str]) -> None:
     """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
 
-    Raises
-    ------
-    InputError
-        If there is no such parameter or the value is not a finite number.
+    Raises `InputError` if there is no such parameter or the value is not a finite number.
     """
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
@@ -355,6 +334,9 @@ def describe_template(name: str) -> str:
 def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
     """Write a template's scene to ``path`` and its meshes beside it, and return the files; by one process only.
 
+    Raises `InputError` if there is no such template, or the files cannot be made where they are to be, or exist;
+    `RunError` if the system fails to write.
+
     Parameters
     ----------
     name
@@ -363,13 +345,6 @@ def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
         Of the scene; comments that name the scene's file take its name.
     force
         Whether files that are there may be replaced.
-
-    Raises
-    ------
-    InputError
-        If there is no such template, or the files cannot be made where they are to be, or exist.
-    RunError
-        If the system fails to write.
     """
     if name not in template_names():
         known = ", ".join(template_names())

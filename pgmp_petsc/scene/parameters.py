@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -34,7 +33,7 @@ from pydantic_core import CoreSchema
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, at_most, refusal
-from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, quick
+from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
@@ -45,94 +44,6 @@ if TYPE_CHECKING:
 
 
 POINTS = 200  # of Gauss's quadrature over probabilities
-
-
-@dataclass(frozen=True)
-class Normal:
-    """The normal distribution as scipy.stats has it, whose import takes half a second."""
-
-    loc: float
-    scale: float
-
-    def median(self) -> float:
-        """Return the median."""
-        return self.loc
-
-    def std(self) -> float:
-        """Return the standard deviation."""
-        return self.scale
-
-    def mean(self) -> float:
-        """Return the mean."""
-        return self.loc
-
-    def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
-        return -math.inf, math.inf
-
-    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
-        """Return the share below x."""
-        return self.sf(2.0 * self.loc - x)
-
-    def sf(self, x: np.ndarray | float) -> np.ndarray | float:
-        """Return the share above x."""
-        if np.ndim(x):
-            from scipy.special import ndtr
-
-            return ndtr((self.loc - x) / self.scale)
-        return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
-
-    def ppf(self, share: np.ndarray) -> np.ndarray:
-        """Return the numbers that have shares below them."""
-        from scipy.special import ndtri
-
-        return self.loc + self.scale * ndtri(share)
-
-    def isf(self, share: np.ndarray) -> np.ndarray:
-        """Return the numbers that have shares above them."""
-        return 2.0 * self.loc - self.ppf(share)
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """The uniform distribution between loc and loc + scale; see `Normal`."""
-
-    loc: float
-    scale: float
-
-    def median(self) -> float:
-        """Return the median."""
-        return self.loc + 0.5 * self.scale
-
-    def std(self) -> float:
-        """Return the standard deviation."""
-        return self.scale / math.sqrt(12.0)
-
-    def mean(self) -> float:
-        """Return the mean."""
-        return self.median()
-
-    def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
-        return self.loc, self.loc + self.scale
-
-    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
-        """Return the share below x."""
-        if np.ndim(x):
-            return np.clip((x - self.loc) / self.scale, 0.0, 1.0)
-        return min(max((x - self.loc) / self.scale, 0.0), 1.0)
-
-    def sf(self, x: np.ndarray | float) -> np.ndarray | float:
-        """Return the share above x."""
-        return 1.0 - self.cdf(x)
-
-    def ppf(self, share: np.ndarray) -> np.ndarray:
-        """Return the numbers that have shares below them."""
-        return self.loc + self.scale * share
-
-    def isf(self, share: np.ndarray) -> np.ndarray:
-        """Return the numbers that have shares above them."""
-        return self.ppf(1.0 - share)
 
 
 #: Laws of our own: the key that each needs, and all that it has.
@@ -234,8 +145,7 @@ class Distribution(Table):
         for key in self.arguments:
             if key not in allowed:
                 raise refusal(
-                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})",
-                    key,
+                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})", key
                 )
         for key in shapes:
             if key not in self.arguments:

@@ -141,13 +141,7 @@ SPELLED = {
 
 
 def reference_page() -> str:
-    """Return the page as Markdown.
-
-    Raises
-    ------
-    ValueError
-        If a model is in none of its tables.
-    """
+    """Return the page as Markdown. Raises `ValueError` if a model is in none of its tables."""
     schema = editor_schema()
     models = schema["definitions"]
     parts, done = [HEAD], set()

@@ -108,7 +108,6 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 
     Parameters
     ----------
-    scene : Scene
     given : mapping of str to str
         Units as `convert_parameters` returned them.
     """
@@ -138,10 +137,7 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 def measure(unit: str) -> tuple[float, Dimension]:
     """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1.
 
-    Raises
-    ------
-    UnknownUnit
-        If it is not one, or of something that scenes do not hold, such as a temperature.
+    Raises `UnknownUnit` if it is not one, or of something that scenes do not hold, such as a temperature.
     """
     known = _plain_names().get(_plain(unit))
     if known is not None:
@@ -170,10 +166,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
 def take_unit(unit: str) -> None:
     """Take a unit that an effect declares, such as N/m3, among those of scenes.
 
-    Raises
-    ------
-    UnknownUnit
-        If it is none of SI.
+    Raises `UnknownUnit` if it is none of SI.
     """
     if unit not in SI:
         factor, dimension = measure(unit)
