@@ -433,21 +433,22 @@ class _EntryCache(_LenientCache):
             self._take_lock()
             found = super().load_overload(sig, target_context)
             if found is not None:
-                self.give_back_lock()
+                self._give_back_lock()
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the compiled function of a signature."""
         super().save_overload(sig, data)
-        self.give_back_lock()
+        self._give_back_lock()
 
     def _take_lock(self) -> None:
         """Wait until no other process compiles the function.
 
         Where there are no locks, or another takes too long, it is compiled twice.
         """
-        self.give_back_lock()
+        self._give_back_lock()
         try:
+            self._impl.locator.ensure_cache_path()
             lock = os.open(self._cache_file._index_path.removesuffix("nbi") + "lock", os.O_RDWR | os.O_CREAT, 0o666)
         except OSError:
             return
@@ -461,7 +462,7 @@ class _EntryCache(_LenientCache):
             except OSError:
                 return
 
-    def give_back_lock(self) -> None:
+    def _give_back_lock(self) -> None:
         """Let others compile."""
         if self._lock is not None:
             os.close(self._lock)
@@ -475,12 +476,9 @@ class _Compiling(event.Listener):
         """Say that it began."""
         waits_for(COMPILING)
 
-    def on_end(self, ended: event.Event) -> None:
+    def on_end(self, _: event.Event) -> None:
         """Say no more."""
         waits_for(None)
-        cache = ended.data["dispatcher"]._cache
-        if ended.is_failed and isinstance(cache, _EntryCache):
-            cache.give_back_lock()
 
 
 event.register("numba:compile", _Compiling())
