@@ -1,7 +1,5 @@
 """Matrices of meshed bodies as other programs write them, each format by hand from its description."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import SolidMesh
 
 ABAQUS = {"quad": "CPS4", "quad8": "CPS8", "hexahedron": "C3D8", "hexahedron20": "C3D20", "tetra": "C3D4"}
 GAP = 10  # numbers of nodes in files: 10, 20, 30, ... so that they are no places

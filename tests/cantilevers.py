@@ -3,8 +3,6 @@
 In units in which E I of bending in the plane of rotation and rho A are 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +11,7 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene
+from scenes import tables
 
 THICKNESS, WIDTH = 0.02, 0.03
 
@@ -51,20 +50,8 @@ PLATE, BAR = of_cells("solid2d", 1.0, "thickness = 1.0"), of_cells("solid3d", WI
 IN_SPACE = 'joints.hub={type="revolute", connect=["ground:origin", "beam:hinge"], axis=[0.0, 0.0, 1.0]}'
 #: E I_2 (out of the plane of rotation) over E I_3 is RATIO; rho I_2 > rho I_3, as the width is along the axis of spin
 RATIO, TORSION, ROTARY = 4.0, 5e-3, (4e-5, 1e-5)
-BEAM_IN_SPACE = f"""
-[bodies.beam]
-line = {{ length = 1.0, elements = 16 }}
-element = "beam3d"
-orientation = [0.0, 1.0, 0.0]
-[bodies.beam.section]
-shape = "coefficients3d"
-axial = 1e5
-shear_2 = 1e5
-shear_3 = 1e5
-torsion = {TORSION}
-bending_2 = {RATIO}
-bending_3 = 1.0
-line_density = 1.0
-rotary_2 = {ROTARY[0]}
-rotary_3 = {ROTARY[1]}
-"""
+BEAM_IN_SPACE = tables(f"""
+bodies.beam: line = {{ length = 1.0, elements = 16 }}; element = "beam3d"; orientation = [0.0, 1.0, 0.0]
+bodies.beam.section: shape = "coefficients3d"; axial = 1e5; shear_2 = 1e5; shear_3 = 1e5; torsion = {TORSION};
+    bending_2 = {RATIO}; bending_3 = 1.0; line_density = 1.0; rotary_2 = {ROTARY[0]}; rotary_3 = {ROTARY[1]}
+""")

@@ -6,8 +6,6 @@ Each cell is a scene of `combinations`, read and checked as every command does i
 `combinations` tries.
 """
 
-from __future__ import annotations
-
 from combinations import FEATURES, KINDS, scene_of
 
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities

@@ -1,7 +1,5 @@
 """The compiled elements, called with many elements at once as the formulas of tests are written."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pgmp_petsc.bodies.beam2d import (

@@ -1,7 +1,5 @@
 """Counting of method calls."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 

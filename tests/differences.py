@@ -1,7 +1,5 @@
 """Derivatives of runs by central differences, of runs whose iterations are carried to round-off."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small scenes with bodies by `line`, and their full-order runs, for tests of effects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,140 +10,82 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
+from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.estimates import Balance
+from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.energies import joined
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.balance import balance_of
+from scenes import tables
 
 G = 9.81  # m/s2
 STEP = 2e-3  # s
 
 # a uniform bar of 1 kg and 1 m that turns about its end: J = 1/3 kg m2
-BAR = """
-[scene]
-name = "bar"
-[bodies.bar]
-line = { length = 1.0, elements = 2 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:hinge"]
-[coordinates.theta]
-joint = "hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-"""
+BAR = tables("""
+scene: name = "bar"
+bodies.bar: line = { length = 1.0, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:hinge"]
+coordinates.theta: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+""")
 BAR_INERTIA = 1.0 / 3.0
 
 # a light and stiff crank pushes a block, a rigid bar of 1 kg, along x; both ends of the block are on the line
-BLOCK = """
-[scene]
-name = "block"
-[ground.points]
-rail = [0.0, 0.0]
-[bodies.crank]
-line = { length = 0.5, elements = 1 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 }
-placement = { origin = [0.0, 0.0], angle = 1.5707963267948966 }
-[bodies.rod]
-line = { length = 1.0, elements = 1 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 }
-placement = { origin = [0.0, 0.5], angle = -0.5235987755982988 }
-[joints.pivot]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.pin]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-[joints.slide]
-type = "point_on_line"
-connect = ["ground:rail", "rod:tip"]
-direction = [1.0, 0.0]
-[coordinates.theta]
-joint = "pivot"
-range = [0.3, 2.8]
-[effects.load]
-type = "point_mass"
-point = "rod:tip"
-mass = 1.0
-[simulation.initial.theta]
-position = 1.5707963267948966
-"""
+BLOCK = tables("""
+scene: name = "block"
+ground.points: rail = [0.0, 0.0]
+bodies.crank: line = { length = 0.5, elements = 1 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 };
+    placement = { origin = [0.0, 0.0], angle = 1.5707963267948966 }
+bodies.rod: line = { length = 1.0, elements = 1 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 };
+    placement = { origin = [0.0, 0.5], angle = -0.5235987755982988 }
+joints.pivot: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slide: type = "point_on_line"; connect = ["ground:rail", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "pivot"; range = [0.3, 2.8]
+effects.load: type = "point_mass"; point = "rod:tip"; mass = 1.0
+simulation.initial.theta: position = 1.5707963267948966
+""")
 
 # a beam of 1 m clamped to a hub that is held: EI = 1, rho A = 1, stiff against shear and extension
-CANTILEVER = """
-[scene]
-name = "cantilever"
+CANTILEVER = tables("""
+scene: name = "cantilever"
 [bodies.beam]
 line = { length = 1.0, elements = 8 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 1.0, line_density = 1.0, rotary_density = 1e-5 }
-[joints.hub]
-type = "revolute"
-connect = ["ground:origin", "beam:hinge"]
-[coordinates.theta]
-joint = "hub"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.hold]
-type = "prescribed_motion"
-coordinate = "theta"
-constant_speed = { speed = 0.0 }
-"""
+joints.hub: type = "revolute"; connect = ["ground:origin", "beam:hinge"]
+coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
+effects.hold: type = "prescribed_motion"; coordinate = "theta"; constant_speed = { speed = 0.0 }
+""")
 # a rigid crank, a flexible rod, a slider; a coordinate that is driven, in a range without 0; and a weld
-BASE = """
-[scene]
-name = "base"
-[parameters.p]
-nominal = 1.0
-[parameters.negative]
-nominal = -1.0
-[ground.points]
-wall = [2.0, 0.0]
-[bodies.crank]
-line = { length = 0.3, elements = 2 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+BASE = tables("""
+scene: name = "base"
+parameters.p: nominal = 1.0
+parameters.negative: nominal = -1.0
+ground.points: wall = [2.0, 0.0]
+bodies.crank: line = { length = 0.3, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
 [bodies.rod]
 line = { length = 0.7, elements = 2 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 10.0, line_density = 1.0, \
 rotary_density = 1e-4 }
 placement = { origin = [0.3, 0.0] }
-[bodies.block]
-line = { length = 0.1, elements = 1 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
-placement = { origin = [1.0, 0.0] }
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0]
-[joints.weld]
-type = "fixed"
-connect = ["rod:tip", "block:hinge"]
-[coordinates.theta]
-joint = "hinge"
-range = [-3.0, 3.0]
-"""
+bodies.block: line = { length = 0.1, elements = 1 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 };
+    placement = { origin = [1.0, 0.0] }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+joints.weld: type = "fixed"; connect = ["rod:tip", "block:hinge"]
+coordinates.theta: joint = "hinge"; range = [-3.0, 3.0]
+""")
 
 
 def scene_of(base: str, text: str = "", *overrides: str) -> Scene:
@@ -266,12 +206,9 @@ def run_of(duration: float, step: float = STEP, spectral_radius: float = 1.0, **
     """Return the table of a simulation, without numerical damping unless told."""
     start = "".join(f"\n{key} = {value}" for key, value in initial.items())
     begin = f"[simulation.initial.theta]{start}\n" if initial else ""
-    return f"""
-[simulation]
-duration = {duration}
-step = {step}
-spectral_radius = {spectral_radius}
-{begin}"""
+    return tables(f"""
+simulation: duration = {duration}; step = {step}; spectral_radius = {spectral_radius}
+{begin}""")
 
 
 def bar(effects: str, duration: float, step: float = STEP, **initial: float) -> Scene:

@@ -8,8 +8,6 @@ forces are complex-step gradients of the energy, and the multipliers are elimina
 so that an explicit Runge-Kutta method integrates an ordinary differential equation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The full-order equations of one rank as dense matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pgmp_petsc.full.kernel import evaluate

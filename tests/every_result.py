@@ -4,8 +4,6 @@ The listings under tests/listings are of files that the program wrote before res
 with other programs: a listing changes only where a file is to change, together with the version of its kind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

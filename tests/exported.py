@@ -1,7 +1,5 @@
 """Models in C: compiled and run, and their libraries as functional mock-up units, called as importers call them."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil
@@ -17,7 +15,7 @@ from mpi4py import MPI
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.studies.simulate import simulate_reduced
 

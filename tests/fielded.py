@@ -1,15 +1,12 @@
 """Made-up runs with fields: a plane bar that moves, and blocks in space, with a stress that is known everywhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import synthetic
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.trajectory import BodyField
+from pgmp_petsc.results import BodyField, Trajectory
 
 
 def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> BodyField:

@@ -3,8 +3,6 @@
 .venv/bin/python tests/file_tables.py         writes them into the page
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pgmp_petsc.declare.records import Record

@@ -5,8 +5,6 @@ The axis is x, from 0 to the length. Physical groups: left and right, both of th
 with save_all, body only and the cells of everything else untagged. MSH 4.1.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 

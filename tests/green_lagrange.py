@@ -1,7 +1,5 @@
 """The strain energy of St. Venant-Kirchhoff's material on a mesh, written from its definition alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

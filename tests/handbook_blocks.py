@@ -12,8 +12,6 @@ A comment above a block is not seen by readers:
 ``<!-- shown in: NAME -->``      the same, tried and not kept
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import tomllib

@@ -4,8 +4,6 @@ Folders have links to scenes, meshes, benchmarks, tests and scripts of the repos
 of this checkout. See `handbook_blocks` for the comments that say what is not run.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex

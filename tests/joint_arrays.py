@@ -1,7 +1,5 @@
 """All statements of a joint at once: residual and derivatives in two frames of natural coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

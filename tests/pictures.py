@@ -1,7 +1,5 @@
 """What tests ask of pictures."""
 
-from __future__ import annotations
-
 from matplotlib.colors import to_hex
 
 

@@ -1,7 +1,5 @@
 """What commands write for one scene, and whether two result files hold the same."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

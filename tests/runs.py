@@ -1,7 +1,5 @@
 """Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -14,7 +12,8 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
+from pgmp_petsc.mesh import read_line_mesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -23,7 +22,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
-from scenes import HEADER, meshes_of
+from scenes import HEADER, meshes_of, tables
 
 MOST_ROMS = 40  # that are kept, of some megabytes each
 _ROMS: dict[tuple[str, Path], ReducedOrderModel] = {}
@@ -46,55 +45,23 @@ PGMP = ("-m", "pgmp_petsc.cli.main")
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
 
 # A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
-QUICK_RETURN = (
-    HEADER
-    + """
-[ground.points]
-pivot = [0.0, -0.4]
-[parameters.r1]
-nominal = 5.6e-3
-[bodies.crank]
-mesh = "0.0:0.2:3"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = "r1" }
-[bodies.rocker]
-mesh = "0.0:0.8:4"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 4e-3 }
-placement = { origin = [0.0, -0.4], angle = 1.1 }
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.rocker_hinge]
-type = "revolute"
-connect = ["ground:pivot", "rocker:hinge"]
-[joints.pin]
-type = "point_on_line"
-connect = ["rocker:2", "crank:tip"]
-direction = [1.0, 0.0]
-[coordinates.theta]
-joint = "crank_hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.motor]
-type = "torque"
-joint = "crank_hinge"
-table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]
-[effects.weight]
-type = "gravity"
-[reduction]
-modes = 4
-angles = 24
-[simulation]
-duration = 0.2
-step = 1e-3
-[simulation.initial.theta]
-position = 0.3
-velocity = 4.0
-"""
-)
+QUICK_RETURN = HEADER + tables("""
+ground.points: pivot = [0.0, -0.4]
+parameters.r1: nominal = 5.6e-3
+bodies.crank: mesh = "0.0:0.2:3"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = "r1" }
+bodies.rocker: mesh = "0.0:0.8:4"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 4e-3 }; placement = { origin = [0.0, -0.4], angle = 1.1 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.rocker_hinge: type = "revolute"; connect = ["ground:pivot", "rocker:hinge"]
+joints.pin: type = "point_on_line"; connect = ["rocker:2", "crank:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]
+effects.weight: type = "gravity"
+reduction: modes = 4; angles = 24
+simulation: duration = 0.2; step = 1e-3
+simulation.initial.theta: position = 0.3; velocity = 4.0
+""")
 
 
 def quick_return(*overrides: str) -> Scene:
@@ -155,12 +122,9 @@ def paper_rom() -> ReducedOrderModel:
 def accurate_scene(*overrides: str) -> Scene:
     """Return the paper's slider-crank with a reduction that is both smaller and more accurate than the paper's."""
     return paper_scene(
-        "reduction.modes=7",
-        "reduction.static_modes=true",
-        "reduction.angles=48",
-        'reduction.interpolation="spline"',
+        "reduction.modes=7", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
         *overrides,
-    )
+    )  # fmt: skip
 
 
 def samples(scene: Scene, n: int, **given: object) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ of the body's own frame, from x = first to x = last (m). `meshes_of` makes the m
 tip.
 """
 
-from __future__ import annotations
+import re
 
 import numpy as np
 
@@ -18,161 +18,71 @@ CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0}
 SHEAR_FACTOR = 6 * 1.3 / (7 + 6 * 0.3)  # of a circle, nu = 0.3
 
-HEADER = """
-[scene]
-name = "test"
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 7800.0
-"""
 
-SLIDER_CRANK = (
-    HEADER
-    + """
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
-[bodies.crank]
-mesh = "0.0:0.3:5"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = "r1" }
-[bodies.rod]
-mesh = "0.3:1.0:5"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 5.6e-3 }
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0]
-[coordinates.theta]
-joint = "crank_hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.motor]
-type = "torque"
-joint = "crank_hinge"
-table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
-[reduction]
-modes = 5
-angles = 24
-"""
-)
+def tables(text: str) -> str:
+    """Return TOML of lines ``table: entry; entry``; a line that ends in a semicolon goes on, indented, in the next."""
+    lines = re.compile(r"^([\w.]+): (.*(?:(?<=;)\n +.*)*)$", re.MULTILINE)
+    return lines.sub(lambda row: "\n".join([f"[{row[1]}]", *re.split(r";\s+", row[2])]), text)
 
-PENDULUM = (
-    HEADER
-    + """
-[bodies.arm]
-mesh = "0.0:1.0:10"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 2e-4 }
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "arm:hinge"]
-[coordinates.phi]
-joint = "hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[reduction]
-modes = 2
-angles = 6
-"""
-)
+
+HEADER = tables("""
+scene: name = "test"
+materials.steel: E = 210e9; nu = 0.3; rho = 7800.0
+""")
+
+SLIDER_CRANK = HEADER + tables("""
+parameters.r1: nominal = 5.6e-3; unit = "m"
+bodies.crank: mesh = "0.0:0.3:5"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = "r1" }
+bodies.rod: mesh = "0.3:1.0:5"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5.6e-3 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
+reduction: modes = 5; angles = 24
+""")
+
+PENDULUM = HEADER + tables("""
+bodies.arm: mesh = "0.0:1.0:10"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 2e-4 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
+coordinates.phi: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 2; angles = 6
+""")
 
 # ground 1 m, crank 0.3 m, coupler 0.9 m, rocker 0.7 m: the crank turns all the way round (Grashof)
-FOUR_BAR = (
-    HEADER
-    + """
-[ground.points]
-pivot = [1.0, 0.0]
-[bodies.crank]
-mesh = "0.0:0.3:2"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 5e-3 }
-[bodies.coupler]
-mesh = "0.0:0.9:2"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 5e-3 }
-placement = { origin = [0.3, 0.0], angle = 0.8 }
-[bodies.rocker]
-mesh = "0.0:0.7:2"
-element = "beam2d"
-material = "steel"
-section = { shape = "rectangle", width = 1e-2, height = 5e-3 }
-placement = { origin = [1.0, 0.0], angle = 1.5 }
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "coupler:hinge"]
-[joints.knee]
-type = "revolute"
-connect = ["coupler:tip", "rocker:tip"]
-[joints.rocker_hinge]
-type = "revolute"
-connect = ["rocker:hinge", "ground:pivot"]
-[coordinates.theta]
-joint = "crank_hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[reduction]
-modes = 4
-angles = 24
-"""
-)
+FOUR_BAR = HEADER + tables("""
+ground.points: pivot = [1.0, 0.0]
+bodies.crank: mesh = "0.0:0.3:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }
+bodies.coupler: mesh = "0.0:0.9:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }; placement = { origin = [0.3, 0.0], angle = 0.8 }
+bodies.rocker: mesh = "0.0:0.7:2"; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 1e-2, height = 5e-3 }; placement = { origin = [1.0, 0.0], angle = 1.5 }
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
+joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
+joints.rocker_hinge: type = "revolute"; connect = ["rocker:hinge", "ground:pivot"]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 4; angles = 24
+""")
 
 # A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank
 # follows from the rod, so one constraint is redundant without being the repetition of another. The angle between crank
 # and rod is twice the rod's angle, so that it is back after half a turn of the rod.
-TRAMMEL = (
-    HEADER
-    + """
-[bodies.rod]
-mesh = "0.0:1.0:4"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 5e-3 }
-placement = { origin = [1.0, 0.0], angle = 3.141592653589793 }
-[bodies.crank]
-mesh = "0.0:0.5:2"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 5e-3 }
-[joints.along_x]
-type = "point_on_line"
-connect = ["ground:origin", "rod:hinge"]
-direction = [1.0, 0.0]
-[joints.along_y]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [0.0, -2.0]
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.middle]
-type = "revolute"
-connect = ["rod:2", "crank:tip"]
-[coordinates.theta]
-joint = "crank_hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[reduction]
-modes = 3
-angles = 16
-"""
-)
+TRAMMEL = HEADER + tables("""
+bodies.rod: mesh = "0.0:1.0:4"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 5e-3 };
+    placement = { origin = [1.0, 0.0], angle = 3.141592653589793 }
+bodies.crank: mesh = "0.0:0.5:2"; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 5e-3 }
+joints.along_x: type = "point_on_line"; connect = ["ground:origin", "rod:hinge"]; direction = [1.0, 0.0]
+joints.along_y: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [0.0, -2.0]
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.middle: type = "revolute"; connect = ["rod:2", "crank:tip"]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+reduction: modes = 3; angles = 16
+""")
 
 
 def slider_crank(*overrides: str) -> Scene:

@@ -1,7 +1,5 @@
 """Files that somebody changed, with a seal that fits: their content is checked by their readers alone."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

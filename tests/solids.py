@@ -4,8 +4,6 @@ They reach from the origin to the given lengths. Their sides are groups of faces
 bottom and top across y; in space front and back across y, bottom and top across z. The region body has all cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,8 +15,9 @@ from skfem.quadrature import get_quadrature
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.solid import Region, Solid
+from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.reference_element import Quadrature, _element, _tabulated, reference_element
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces
+from pgmp_petsc.mesh.solid_mesh import cell_faces
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}

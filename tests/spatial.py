@@ -5,8 +5,6 @@ quadrilaterals) whose axis is the x axis of the body's frame, from x = first to 
 faces hinge and tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,88 +14,46 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import HEADER
+from scenes import HEADER, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
-SLIDER_CRANK = (
-    HEADER
-    + f"""
-[bodies.crank]
-mesh = "0.0:0.3:2"
-element = "solid3d"
-material = "steel"
-[bodies.rod]
-mesh = "0.3:1.0:3"
-element = "solid3d"
-material = "steel"
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0, 0.0]
-[coordinates.theta]
-joint = "crank_hinge"
+SLIDER_CRANK = HEADER + tables(f"""
+bodies.crank: mesh = "0.0:0.3:2"; element = "solid3d"; material = "steel"
+bodies.rod: mesh = "0.3:1.0:3"; element = "solid3d"; material = "steel"
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
+coordinates.theta: joint = "crank_hinge"
 {TURN}
-[reduction]
-modes = 4
-angles = 16
-"""
-)
+reduction: modes = 4; angles = 16
+""")
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
 SECOND_AXIS = np.array([0.6, 0.0, 0.8])
-ARM = (
-    HEADER
-    + f"""
-[bodies.upper]
-mesh = "0.0:{UPPER}:2"
-element = "solid3d"
-material = "steel"
-[bodies.lower]
-mesh = "0.0:{LOWER}:2"
-element = "solid3d"
-material = "steel"
-[joints.shoulder]
-type = "revolute"
-connect = ["ground:origin", "upper:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.elbow]
-type = "revolute"
-connect = ["upper:tip", "lower:hinge"]
-axis = {SECOND_AXIS.tolist()}
-[coordinates.theta1]
-joint = "shoulder"
+ARM = HEADER + tables(f"""
+bodies.upper: mesh = "0.0:{UPPER}:2"; element = "solid3d"; material = "steel"
+bodies.lower: mesh = "0.0:{LOWER}:2"; element = "solid3d"; material = "steel"
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = {SECOND_AXIS.tolist()}
+coordinates.theta1: joint = "shoulder"
 {TURN}
-[coordinates.theta2]
-joint = "elbow"
+coordinates.theta2: joint = "elbow"
 {TURN}
-[reduction]
-modes = 3
-angles = 6
-"""
-)
+reduction: modes = 3; angles = 6
+""")
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
 SPATIAL_BARS = (
-    'bodies.crank.mesh="0.0:0.1:2"',
-    'bodies.rod.mesh="0.0:0.3:3"',
-    'bodies.slider.mesh="0.0:0.05:1"',
-)
+    'bodies.crank.mesh="0.0:0.1:2"', 'bodies.rod.mesh="0.0:0.3:3"', 'bodies.slider.mesh="0.0:0.05:1"',
+)  # fmt: skip
 
 
 def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:

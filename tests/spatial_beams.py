@@ -4,16 +4,14 @@ As in `scenes`, the entry ``mesh`` of a body is ``"first:last:n"``, a straight l
 body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of `spatial`.
 """
 
-from __future__ import annotations
-
 from spatial import TURN, bar
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import LineMesh, SolidMesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER
+from scenes import HEADER, tables
 
 WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
 RECTANGLE = f'section = {{ shape = "rectangle", width = {WIDTH}, height = {HEIGHT} }}\norientation = [0.0, 1.0, 0.0]'
@@ -43,55 +41,29 @@ def kinematics_of_beams(scene: Scene) -> RigidKinematics:
 
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with beams in space
-SLIDER_CRANK = (
-    HEADER
-    + f"""
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
+SLIDER_CRANK = HEADER + tables(f"""
+parameters.r1: nominal = 5.6e-3; unit = "m"
 {beam("crank", "0.0:0.3:5", 'section = { shape = "circle", radius = "r1" }')}
 {beam("rod", "0.3:1.0:5", CIRCLE)}
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-axis = [0.0, 0.0, 1.0]
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0, 0.0]
-[coordinates.theta]
-joint = "crank_hinge"
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
+coordinates.theta: joint = "crank_hinge"
 {TURN}
-[effects.motor]
-type = "torque"
-joint = "crank_hinge"
-table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
-[reduction]
-modes = 5
-angles = 24
-"""
-)
+effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
+reduction: modes = 5; angles = 24
+""")
 
 # one beam on a hinge about the y axis of a section's height
 PENDULUM = (
     HEADER
     + beam("arm", "0.0:1.0:10")
-    + f"""
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "arm:hinge"]
-axis = [0.0, 0.0, 1.0]
-[coordinates.phi]
-joint = "hinge"
+    + tables(f"""
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]; axis = [0.0, 0.0, 1.0]
+coordinates.phi: joint = "hinge"
 {TURN}
-[reduction]
-modes = 4
-angles = 6
-"""
+reduction: modes = 4; angles = 6
+""")
 )
 
 

@@ -1,7 +1,5 @@
 """What springs measure when nodes are turned exactly, and its differences: references for their stiffness."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

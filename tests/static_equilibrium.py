@@ -7,8 +7,6 @@ In body frames, with the strain energy V of all large rotations, constraints c a
 the inertia forces of a rigid acceleration balance the load, and theta is what it is through the last equation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -6,8 +6,6 @@ prints a line a command. By default runs are cut to a few steps and angles, as i
 (tests/parallel/test_sweep.py); ``--whole`` takes the scenes as they stand, which needs hours.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

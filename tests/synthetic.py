@@ -1,7 +1,5 @@
 """Made-up results in the likeness of the slider-crank's, for tests of files, pictures and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 
@@ -19,6 +17,7 @@ from pgmp_petsc.results import (
     Frames,
     MeshErrors,
     ModesTable,
+    RareEvent,
     References,
     Sensitivity,
     Statistics,
@@ -36,16 +35,13 @@ from pgmp_petsc.results.gradients import (
     FittedOutput,
     FittedParameter,
 )
-from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.runtime.files import RunRecord
+from scenes import tables
 
-SCENE = """
-[scene]
-name = "slider_crank"
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
-"""
+SCENE = tables("""
+scene: name = "slider_crank"
+parameters.r1: nominal = 5.6e-3; unit = "m"
+""")
 CRANK, ROD = 0.3, 0.7
 
 

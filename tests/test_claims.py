@@ -1,7 +1,5 @@
 """Outputs: what may be replaced, what never is, and one job at a time."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """What contacts cost, measured on a small scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Imports run one way, and what needs no PETSc does not import it."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess
@@ -15,36 +13,10 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    "declare",
-    "scene",
-    "mesh",
-    "bodies",
-    "solvers",
-    "components",
-    "mechanism",
-    "joints",
-    "effects",
-    "modes",
-    "reduction",
-    "outputs",
-    "stepping",
-    "full",
-    "reduced",
-    "models",
-    "gradients",
-    "results",
-    "estimates",
-    "ensemble",
-    "bench",
-    "studies",
-    "figures",
-    "export",
-    "c_export",
-    "report",
-    "texts",
-    "api",
-    "cli",
-)
+    "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes",
+    "reduction", "outputs", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
+    "bench", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
+)  # fmt: skip
 FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
 NEEDS = {
@@ -118,7 +90,7 @@ MOST_ASKED = 12
 
 
 def test_nobody_asks_bodies_for_their_kind() -> None:
-    """Kinds are found (`bodies.body.kinds`): no module outside their room imports one, and few ask for those of shapes."""
+    """Kinds are found: no module outside their room imports one, and few ask for those of shapes."""
     asked = []
     for path in PACKAGE.rglob("*.py"):
         if path.parent.name == "kinds" or path.parent.parent.name == "bodies" or path.parent.name == "bodies":

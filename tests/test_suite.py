@@ -1,7 +1,5 @@
 """The suite itself: no case is lost, none depends on luck or on a busy machine, and users' defaults are tested."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from collections.abc import Callable, Iterator

@@ -1,16 +1,14 @@
 """Small trade-off studies, for tests on one rank and on several."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from mpi4py import MPI
 
-from pgmp_petsc.bench.sweep import Sweep
+from pgmp_petsc.bench.candidates import Sweep
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
-from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import SLIDER_CRANK, meshes_of
+from scenes import SLIDER_CRANK, meshes_of, tables
 
 # the fewest settings in which every kind of line occurs
 TINY = Sweep(
@@ -47,24 +45,14 @@ LEAST = replace(
     surfaces=0,
     finer=0,
 )
-OUTPUTS = """
-[outputs.crank_angle]
-type = "angle"
-joint = "crank_hinge"
-[outputs.slider_deformation]
-type = "deformation"
-point = "rod:tip"
-axis = "x"
-"""
+OUTPUTS = tables("""
+outputs.crank_angle: type = "angle"; joint = "crank_hinge"
+outputs.slider_deformation: type = "deformation"; point = "rod:tip"; axis = "x"
+""")
 SMALL = (
-    "reduction.modes=4",
-    "reduction.angles=24",
-    "simulation.duration=0.02",
-    "simulation.step=1e-3",
-    "ensemble.batch=16",
-    'bodies.crank.mesh="0.0:0.3:2"',
-    'bodies.rod.mesh="0.3:1.0:2"',
-)
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "simulation.step=1e-3", "ensemble.batch=16",
+    'bodies.crank.mesh="0.0:0.3:2"', 'bodies.rod.mesh="0.3:1.0:2"',
+)  # fmt: skip
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 
 

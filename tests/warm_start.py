@@ -8,8 +8,6 @@ command does is left for the next. Under mpirun a small stand-in waits for it an
     python -I -S warm_start.py SOCKET -m MODULE ARGUMENTS     the stand-in; -c TEXT and FILE as with python
 """
 
-from __future__ import annotations
-
 import array
 import atexit
 import gc

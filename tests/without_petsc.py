@@ -5,8 +5,6 @@ python tests/without_petsc.py -c CODE ARGUMENTS
 REFUSED=petsc4py,slepc4py mpirun -n 2 python tests/without_petsc.py -m ...      MPI is there
 """
 
-from __future__ import annotations
-
 import os
 import runpy
 import sys

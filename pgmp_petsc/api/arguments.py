@@ -57,22 +57,13 @@ _OPTION = re.compile(r"pgmp [^;,.)]*|(?<![\w-])(?:--[a-z][a-z-]+|-[a-z])(?![\w-]
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers that an argument may be.
+    """Numbers that an argument may be."""
 
-    Attributes
-    ----------
-    least, most
-        The ends, which belong to it; None where it has none above.
-    above
-        Whether the lower end does not belong to it.
-    unit
-        Of the ends, for messages.
-    """
-
+    #: least, most: the ends, which belong to it; None where it has none above
     least: float
     most: float | None = None
-    above: bool = False
-    unit: str = ""
+    above: bool = False  # whether the lower end does not belong to it
+    unit: str = ""  # of the ends, for messages
 
     def holds(self, value: float) -> bool:
         """Return whether a number is in it."""

@@ -29,30 +29,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A scene that holds together.
+    """A scene that holds together."""
 
-    Attributes
-    ----------
-    scene, meshes
-        The scene, whose `remarks` say what is probably not meant, and the mesh of every body.
-    text
-        What is in it: bodies, unknowns, active effects, estimated memory.
-    picture
-        File of the assembled mechanism; None where none was asked for.
-    trial
-        What a build will take; None where it was not tried, or there are no continuum bodies.
-    sizes
-        Sizes of all effects; None where they were not asked for.
-    tried, name
-        Whether a trial was asked for, and what messages call the scene.
-    """
-
+    #: scene, meshes: the scene, whose `remarks` say what is probably not meant, and the mesh of every body
     scene: Scene
     meshes: Mapping[str, BodyShape]
-    text: str
-    picture: Path | None = None
-    trial: Trial | None = None
-    sizes: EffectSizes | None = None
+    text: str  # what is in it: bodies, unknowns, active effects, estimated memory
+    picture: Path | None = None  # file of the assembled mechanism; None where none was asked for
+    trial: Trial | None = None  # what a build will take; None where it was not tried, or there are no continuum bodies
+    sizes: EffectSizes | None = None  # sizes of all effects; None where they were not asked for
+    #: tried, name: whether a trial was asked for, and what messages call the scene
     tried: bool = False
     name: str = "the scene"
 

@@ -28,50 +28,29 @@ from pgmp_petsc.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Argument:
-    """Declaration of an argument of a function; `parts` declare its fields in the same way.
+    """Declaration of an argument of a function; `parts` declare its fields in the same way."""
 
-    Attributes
-    ----------
-    meaning
-        For people.
-    option
-        Words of a command line that give it, such as ``-o --output``: by default two dashes and its name, or none where
-        the function must have it, which is then given by its place.
-    word
-        Placeholder of the value in help; by default its name in capitals.
-    allowed
-        Range of a number, names to choose from, or how a message says what may be given.
-    required
-        Whether a command line has to give it although a program need not.
-    read
-        Makes the value of a text, or of all texts of an option that may be repeated.
-    flags
-        Options without a value in place of one with a value: meanings by the values that they give.
-    made, parts
-        The class of which it is an object, and the declarations of its fields, each of which is an option.
-    listed
-        Returns names that it may be, with a line about each.
-    empty
-        Value of the option where it is given without one.
-    needs, why
-        Another argument without which this one has no part, and the reason.
-    name, kinds, default
-        What follows from the function's signature.
-    """
-
-    meaning: str = ""
+    meaning: str = ""  # for people
+    #: words of a command line that give it, such as ``-o --output``: by default two dashes and its name, or none where
+    #: the function must have it, which is then given by its place
     option: str | None = None
-    word: str = ""
+    word: str = ""  # placeholder of the value in help; by default its name in capitals
+    #: range of a number, names to choose from, or how a message says what may be given
     allowed: Range | tuple[str, ...] | str | None = None
-    required: bool = False
+    required: bool = False  # whether a command line has to give it although a program need not
+    #: makes the value of a text, or of all texts of an option that may be repeated
     read: Callable[[Any], object] | None = None
+    #: options without a value in place of one with a value: meanings by the values that they give
     flags: Mapping[str, str] = field(default_factory=dict)
+    #: made, parts: the class of which it is an object, and the declarations of its fields, each of which is an option
     made: type | None = None
     parts: Mapping[str, Argument] = field(default_factory=dict)
-    listed: Callable[[], Mapping[str, str]] | None = None
-    empty: str | None = None
+    listed: Callable[[], Mapping[str, str]] | None = None  # returns names that it may be, with a line about each
+    empty: str | None = None  # value of the option where it is given without one
+    #: needs, why: another argument without which this one has no part, and the reason
     needs: str = ""
     why: str = ""
+    #: name, kinds, default: what follows from the function's signature
     name: str = ""
     kinds: tuple[str, ...] = ()
     default: object = None
@@ -139,43 +118,26 @@ class Argument:
 
 @dataclass(frozen=True)
 class Command:
-    """A declared command.
+    """A declared command."""
 
-    Attributes
-    ----------
-    name, help, place
-        Its name, one line of help, and its place in lists.
-    function, others
-        What it calls, and what it calls instead where `choose` says so.
-    petsc
-        Whether PETSc is started for it, or the argument with which it is.
-    report
-        Returns the text of a result: of its data, the file's name, remarks that were printed before, and `shell`. None:
-        the function says on the way what it does.
-    figures
-        Returns the figures of ``--json``, of the result and `shell`; None where there are none.
-    status
-        Returns the exit status, of the result and `shell`, or raises why it is another.
-    choose
-        Returns which function is called, of what was given and the ranks; raises what does not fit.
-    about
-        Argument that names the result in the report where there is no file.
-    shell
-        Options that the command line alone has.
-    """
-
+    #: name, help, place: its name, one line of help, and its place in lists
     name: str
     help: str
     place: int
+    #: function, others: what it calls, and what it calls instead where `choose` says so
     function: Callable[..., Any]
     others: tuple[Callable[..., Any], ...]
-    petsc: bool | str
+    petsc: bool | str  # whether PETSc is started for it, or the argument with which it is
+    #: returns the text of a result: of its data, the file's name, remarks that were printed before, and `shell`. None:
+    #: the function says on the way what it does.
     report: Callable[..., str] | None
+    #: returns the figures of ``--json``, of the result and `shell`; None where there are none
     figures: Callable[..., Mapping[str, object]] | None
-    status: Callable[..., int] | None
+    status: Callable[..., int] | None  # returns the exit status, of the result and `shell`, or raises why it is another
+    #: returns which function is called, of what was given and the ranks; raises what does not fit
     choose: Callable[..., Callable[..., Any]] | None
-    about: str
-    shell: Mapping[str, Argument]
+    about: str  # argument that names the result in the report where there is no file
+    shell: Mapping[str, Argument]  # options that the command line alone has
 
     @property
     def arguments(self) -> dict[str, Argument]:
@@ -208,7 +170,7 @@ class Command:
     @property
     def description(self) -> str:
         """Description of the command, in paragraphs."""
-        return self.spelled(_paragraphs(self.function.described))
+        return self.spelled(re.split(r"\n\n(?=\w+\n-{3,}\n)", self.function.described)[0])
 
 
 #: What several functions have. Those without a meaning are a program's alone.
@@ -337,11 +299,6 @@ def _names_of(argument: Argument) -> Iterator[tuple[str, str]]:
     yield from ((f"--{value}", f"{argument.name} = '{value}'") for value in argument.flags)
     for part in argument.parts.values():
         yield from _names_of(part)
-
-
-def _paragraphs(text: str) -> str:
-    """Return what a docstring says before its sections."""
-    return re.split(r"\n\n(?=\w+\n-{3,}\n)", text)[0]
 
 
 def _docstring(described: str, declared: Mapping[str, Argument], returned: object, gives: str) -> str:

@@ -35,17 +35,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Robust:
-    """Figures of a design over samples, in place of nominal runs: their mean and some of their standard deviations.
+    """Figures of a design over samples, in place of nominal runs: their mean and some of their standard deviations."""
 
-    Attributes
-    ----------
-    deviations
-        How many standard deviations are added to the mean, 0 or more.
-    n, seed
-        Number of samples, 2 or more, and the seed that they are drawn with.
-    """
-
-    deviations: float
+    deviations: float  # how many standard deviations are added to the mean, 0 or more
+    #: n, seed: number of samples, 2 or more, and the seed that they are drawn with
     n: int = 64
     seed: int = 1
 

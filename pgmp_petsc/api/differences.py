@@ -26,47 +26,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Difference:
-    """The largest difference of an output; that of the second result less the first.
+    """The largest difference of an output; that of the second result less the first."""
 
-    Attributes
-    ----------
-    largest, unit
-        Its value, SI unit.
-    share
-        Of the output's largest magnitude in the first result; infinite where that is zero and the second's is not.
-    place
-        Instant (s) of a run, number of the sample of an ensemble.
-    """
-
+    #: largest, unit: its value, SI unit
     largest: float
     unit: str
+    #: of the output's largest magnitude in the first result; infinite where that is zero and the second's is not
     share: float
-    place: float
+    place: float  # instant (s) of a run, number of the sample of an ensemble
 
 
 @dataclass(frozen=True)
 class Differences:
-    """How far two results are apart.
+    """How far two results are apart."""
 
-    Attributes
-    ----------
-    kind
-        ``trajectory`` or ``ensemble``.
-    compared
-        Number of instants, or of samples that are fine in both.
-    outputs
-        By name, of outputs that both have.
-    lacking
-        What one of the two lacks, in words: outputs, the end of a run, samples that failed there alone.
-    tolerance
-        Largest share that passes; None where any does.
-    """
-
-    kind: str
-    compared: int
-    outputs: dict[str, Difference]
+    kind: str  # ``trajectory`` or ``ensemble``
+    compared: int  # number of instants, or of samples that are fine in both
+    outputs: dict[str, Difference]  # by name, of outputs that both have
+    #: what one of the two lacks, in words: outputs, the end of a run, samples that failed there alone
     lacking: tuple[str, ...]
-    tolerance: float | None = None
+    tolerance: float | None = None  # largest share that passes; None where any does
 
     @property
     def is_within(self) -> bool:

@@ -77,33 +77,20 @@ class DataSet(NamedTuple):
 
 @dataclass(frozen=True)
 class Contents:
-    """Contents of a result file.
+    """Contents of a result file."""
 
-    Attributes
-    ----------
-    path, kind
-        The file, and one of `runtime.claims.KINDS`.
-    model
-        Of runs; empty where the file is of none.
-    program_version, format_version
-        What wrote it.
-    record
-        Where it comes from: scene, parameters, seed, ranks, timings, remarks.
-    selection, sizes
-        What was chosen for tolerances, and effects by their size; None where nothing was.
-    datasets
-        By their names, in the file's order.
-    """
-
+    #: path, kind: the file, and one of `runtime.claims.KINDS`
     path: Path
     kind: str
-    model: str
+    model: str  # of runs; empty where the file is of none
+    #: program_version, format_version: what wrote it
     program_version: str
     format_version: int
-    record: RunRecord
+    record: RunRecord  # where it comes from: scene, parameters, seed, ranks, timings, remarks
+    #: selection, sizes: what was chosen for tolerances, and effects by their size; None where nothing was
     selection: Selection | None
     sizes: EffectSizes | None
-    datasets: dict[str, DataSet]
+    datasets: dict[str, DataSet]  # by their names, in the file's order
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.

@@ -22,18 +22,12 @@ _PETSC = re.compile(r'\bpetsc=(?:(False)|"(\w+)")')
 
 @dataclass(frozen=True)
 class Found:
-    """A function of the interface, as the head of its module has it.
+    """A function of the interface, as the head of its module has it."""
 
-    Attributes
-    ----------
-    module, function
-        Where it is.
-    name, help, place, petsc
-        Of its command; an empty name where it has none.
-    """
-
+    #: module, function: where it is
     module: str
     function: str
+    #: name, help, place, petsc: of its command; an empty name where it has none
     name: str
     help: str
     place: int

@@ -46,21 +46,11 @@ ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
 
 @dataclass(frozen=True)
 class Done:
-    """Results of a run.
+    """Results of a run."""
 
-    Attributes
-    ----------
-    files
-        Results, in the order of the steps.
-    page
-        The report.
-    failures
-        What went wrong although the run went on: runs that stopped early, samples that failed.
-    """
-
-    files: tuple[Path, ...]
-    page: Path
-    failures: tuple[str, ...]
+    files: tuple[Path, ...]  # results, in the order of the steps
+    page: Path  # the report
+    failures: tuple[str, ...]  # what went wrong although the run went on: runs that stopped early, samples that failed
 
 
 def _status(done: Done) -> int:
@@ -144,15 +134,7 @@ def _checked(scene: Scene, mechanism: Mechanism) -> str:
 
 @dataclass
 class _Job:
-    """The steps of one run; each is collective on the call's ranks.
-
-    Attributes
-    ----------
-    files
-        What is there for the report.
-    failures
-        What went wrong although the job went on.
-    """
+    """The steps of one run; each is collective on the call's ranks."""
 
     comm: MPI.Comm
     path: Path
@@ -164,8 +146,8 @@ class _Job:
     force: bool
     settings: tuple[str, ...]
     overrides: tuple[str, ...]
-    files: list[Path] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)  # what is there for the report
+    failures: list[str] = field(default_factory=list)  # what went wrong although the job went on
 
     @property
     def changes(self) -> str:

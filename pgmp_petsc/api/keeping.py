@@ -21,28 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Keeper:
-    """Destination of a result: its file, its picture, and the ranks that get it.
+    """Destination of a result: its file, its picture, and the ranks that get it."""
 
-    Attributes
-    ----------
-    kind
-        Of the result.
-    comm
-        The ranks that make it.
-    output, target
-        Its file as it was named, and with its full path; None where there is none.
-    on_all_ranks
-        Whether all ranks get it; else the first alone, whose columns may stay in a file.
-    plot
-        Folder for its picture; None where there is none.
-    """
-
-    kind: str
-    comm: MPI.Comm
+    kind: str  # of the result
+    comm: MPI.Comm  # the ranks that make it
+    #: output, target: its file as it was named, and with its full path; None where there is none
     output: Path | None
     target: Path | None
-    on_all_ranks: bool
-    plot: Path | None = None
+    on_all_ranks: bool  # whether all ranks get it; else the first alone, whose columns may stay in a file
+    plot: Path | None = None  # folder for its picture; None where there is none
 
     def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.

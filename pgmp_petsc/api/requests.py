@@ -41,23 +41,12 @@ OF_MESHES = ("ground", "materials", "bodies", "joints", "coordinates")
 
 @dataclass(frozen=True)
 class Correction:
-    """A better model, which runs the first samples of an ensemble too.
+    """A better model, which runs the first samples of an ensemble too."""
 
-    Attributes
-    ----------
-    model
-        ``full``, ``components`` or ``reduced``.
-    n
-        Number of samples; None where measured costs and correlations are to decide, within a budget.
-    divisor
-        By what its step is divided.
-    scene
-        Scene file that its meshes are from; None for those of the ensemble's own model.
-    """
-
-    model: str
-    n: int | None
-    divisor: int = 1
+    model: str  # ``full``, ``components`` or ``reduced``
+    n: int | None  # number of samples; None where measured costs and correlations are to decide, within a budget
+    divisor: int = 1  # by what its step is divided
+    #: scene file that its meshes are from; None for those of the ensemble's own model
     scene: str | PathLike[str] | None = None
 
     @classmethod
@@ -209,18 +198,11 @@ LONGEST = 1e8  # s, of a budget
 
 @dataclass(frozen=True)
 class Stopping:
-    """When an ensemble ends before its last sample.
+    """When an ensemble ends before its last sample."""
 
-    Attributes
-    ----------
-    until
-        Rules, such as ``"std(angle) < 1 %"`` or ``"P(angle > 3) +- 0.002"``; it ends when all are met.
-    budget
-        Wall time from the start of the call, s.
-    """
-
+    #: rules, such as ``"std(angle) < 1 %"`` or ``"P(angle > 3) +- 0.002"``; it ends when all are met
     until: Sequence[str] = ()
-    budget: float | None = None
+    budget: float | None = None  # wall time from the start of the call, s
 
     def __bool__(self) -> bool:
         return bool(self.until) or self.budget is not None
@@ -240,16 +222,9 @@ class Stopping:
 
 @dataclass(frozen=True)
 class Request:
-    """An ensemble that is asked for; every method is called by every rank alike, and raises `InputError`.
+    """An ensemble that is asked for; every method is called by every rank alike, and raises `InputError`."""
 
-    Attributes
-    ----------
-    n, seed, sampler, samples, shard, correct, stopping
-        As of `api.ensembles.montecarlo`.
-    model
-        Name of the ensemble's own model.
-    """
-
+    #: n, seed, sampler, samples, shard, correct, stopping: as of `api.ensembles.montecarlo`
     n: int | None
     seed: int
     sampler: str | None
@@ -257,7 +232,7 @@ class Request:
     shard: Shard | None
     correct: Sequence[Correction]
     stopping: Stopping
-    model: str
+    model: str  # name of the ensemble's own model
 
     @classmethod
     def of(
@@ -272,7 +247,10 @@ class Request:
         model: str,
     ) -> Request:
         """Return what the arguments of a call ask for; refuse what does not fit together."""
-        _check_shard(shard)
+        if shard is not None:
+            whole = all(isinstance(value, int) for value in (shard.number, shard.count))
+            if not whole or not 1 <= shard.number <= shard.count:
+                raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")
         found = cls(
             n, seed, sampler, Path(samples) if isinstance(samples, (str, PathLike)) else samples, shard, tuple(correct),
             stopping or Stopping(), model,
@@ -410,11 +388,3 @@ def read_budget(text: str) -> float:
     if not 0.0 < seconds < LONGEST:
         raise InputError(f"--budget {text}: allowed is a time such as 60s, 10min or 2h, of less than three years")
     return seconds
-
-
-def _check_shard(shard: Shard | None) -> None:
-    """Refuse a shard that is none of its number."""
-    if shard is not None:
-        whole = all(isinstance(value, int) for value in (shard.number, shard.count))
-        if not whole or not 1 <= shard.number <= shard.count:
-            raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")

@@ -43,20 +43,11 @@ SCENE = Argument("Scene, or its file.", word="SCENE")
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a model comes from.
+    """Where a model comes from."""
 
-    Attributes
-    ----------
-    source
-        A reduced model, a scene, or the file of one.
-    model
-        ``reduced``, ``full`` or ``components``.
-    overrides, settings
-        Changes of the scene, as a command takes them.
-    """
-
-    source: AnySource
-    model: str
+    source: AnySource  # a reduced model, a scene, or the file of one
+    model: str  # ``reduced``, ``full`` or ``components``
+    #: overrides, settings: changes of the scene, as a command takes them
     overrides: tuple[str, ...]
     settings: tuple[str, ...]
 

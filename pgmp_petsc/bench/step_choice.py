@@ -29,8 +29,8 @@ import numpy as np
 
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.errors import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.finished import Price
+from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -58,24 +58,13 @@ FEWEST = 64  # steps of a run: its largest values over time are known at so many
 
 @dataclass
 class StepSearch:
-    """Search for the fewest steps that keep an error.
+    """Search for the fewest steps that keep an error."""
 
-    Parameters
-    ----------
-    compare
-        Returns how far runs with two numbers of steps are apart, shape (n_outputs,).
-    first
-        Steps of the coarsest run that is halved.
-    allowed
-        Largest error that is allowed.
-    coarsest
-        Steps of the coarsest run that may be chosen; `first` is a power of two times it.
-    """
-
+    #: returns how far runs with two numbers of steps are apart, shape (n_outputs,)
     compare: Callable[[int, int], np.ndarray]
-    first: int
-    allowed: float
-    coarsest: int
+    first: int  # steps of the coarsest run that is halved
+    allowed: float  # largest error that is allowed
+    coarsest: int  # steps of the coarsest run that may be chosen; `first` is a power of two times it
     chosen: int | None = None
     error: float = np.inf
     finest: int = 0
@@ -350,12 +339,7 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the
     training values of its parameters. Without a tolerance the model is returned as it is, and nothing is to be said. A
-    step that the scene gives is kept.
-
-    Raises
-    ------
-    InputError
-        If no step, or not the given one, keeps the tolerance.
+    step that the scene gives is kept. Raises `InputError` if no step, or not the given one, keeps the tolerance.
     """
     simulation = model.scene.simulation
     if simulation.tolerance is None:

@@ -134,15 +134,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class AffineSum:
-    """A sum of quantities, closed under sums and products.
+    """A sum of quantities, closed under sums and products."""
 
-    Attributes
-    ----------
-    terms
-        Monomials, each once, with their coefficients.
-    """
-
-    terms: tuple[tuple[Monomial, float], ...]
+    terms: tuple[tuple[Monomial, float], ...]  # monomials, each once, with their coefficients
 
     @classmethod
     def of(cls, entry: float | str) -> AffineSum:

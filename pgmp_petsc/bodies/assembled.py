@@ -30,21 +30,11 @@ ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Mass, centre of mass and inertia of a body.
+    """Mass, centre of mass and inertia of a body."""
 
-    Attributes
-    ----------
-    mass
-        kg.
-    centre
-        In the frame of the nodes, shape (d,), m.
-    second
-        ``int rho x x^T dV`` about the centre of mass, shape (d, d), kg m2.
-    """
-
-    mass: float
-    centre: np.ndarray
-    second: np.ndarray
+    mass: float  # kg
+    centre: np.ndarray  # in the frame of the nodes, shape (d,), m
+    second: np.ndarray  # ``int rho x x^T dV`` about the centre of mass, shape (d, d), kg m2
 
     @property
     def inertia(self) -> np.ndarray:
@@ -55,36 +45,18 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Assembled:
-    """Matrices and nodes, in SI units; both matrices on one pattern of rows that are compressed.
+    """Matrices and nodes, in SI units; both matrices on one pattern of rows that are compressed."""
 
-    Attributes
-    ----------
-    nodes
-        In the body's frame, shape (n_nodes, d), m.
-    labels
-        Numbers of the nodes in their file, shape (n_nodes,).
-    sets
-        Nodes of every named set, shape (n,).
-    groups
-        Of names that hold faces of a mesh, these, shape (n_faces, n_face_nodes).
-    surface
-        Faces that bound one cell of a mesh; none without.
-    face_kind
-        Type of the faces; empty without.
-    starts, columns
-        Of the rows ``d node + direction``, shapes (d n_nodes + 1,) and (n_entries,).
-    stiffness, mass
-        Entries, shape (n_entries,), N/m and kg.
-    """
-
-    nodes: np.ndarray
-    labels: np.ndarray
-    sets: dict[str, np.ndarray]
-    groups: dict[str, np.ndarray]
-    surface: np.ndarray
-    face_kind: str
+    nodes: np.ndarray  # in the body's frame, shape (n_nodes, d), m
+    labels: np.ndarray  # numbers of the nodes in their file, shape (n_nodes,)
+    sets: dict[str, np.ndarray]  # nodes of every named set, shape (n,)
+    groups: dict[str, np.ndarray]  # of names that hold faces of a mesh, these, shape (n_faces, n_face_nodes)
+    surface: np.ndarray  # faces that bound one cell of a mesh; none without
+    face_kind: str  # type of the faces; empty without
+    #: starts, columns: of the rows ``d node + direction``, shapes (d n_nodes + 1,) and (n_entries,)
     starts: np.ndarray
     columns: np.ndarray
+    #: stiffness, mass: entries, shape (n_entries,), N/m and kg
     stiffness: np.ndarray
     mass: np.ndarray
 
@@ -162,10 +134,8 @@ class Assembled:
         """Return the frame of a named set or of numbered nodes: of faces by their area where these are known, as those
         of a mesh are that all belong to what is chosen; else of nodes that count alike.
 
-        Raises
-        ------
-        InputError
-            If there is no such set or node; `entry` is the scene's entry to blame, with what it asks for.
+        Raises `InputError` if there is no such set or node; `entry` is the scene's entry to blame, with what it asks
+        for.
         """
         faces, chosen = self.faces_of(wanted, entry)
         if len(faces):
@@ -193,20 +163,11 @@ class Assembled:
 
 @dataclass(frozen=True, eq=False)
 class AssembledBody:
-    """Matrices with their factors; to what condenses bodies it is what a `Solid` is.
+    """Matrices with their factors; to what condenses bodies it is what a `Solid` is."""
 
-    Attributes
-    ----------
-    name
-        Name in the scene.
-    mesh
-        Nodes and matrices.
-    modulus, density
-        Factors of stiffness and mass.
-    """
-
-    name: str
-    mesh: Assembled
+    name: str  # name in the scene
+    mesh: Assembled  # nodes and matrices
+    #: modulus, density: factors of stiffness and mass
     modulus: Quantity
     density: Quantity
     section_scale: SectionScale | None = None

@@ -70,29 +70,14 @@ def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarra
 
 
 class BeamWork(NamedTuple):
-    """Work arrays of one element.
+    """Work arrays of one element."""
 
-    Attributes
-    ----------
-    gradients
-        B_m u, shape (7, 24).
-    slope
-        Derivatives of the strains ``(T gamma, Theta)`` in the forms z, shape (6, 7).
-    second
-        Second derivatives of the energy in the forms, shape (7, 7).
-    resists
-        What gives the stresses from these strains, shape (2, 3, 3).
-    half
-        ``second`` times ``gradients``, shape (7, 24).
-    forms, strain, stress
-        Shapes (7,), (6,), (6,).
-    """
-
-    gradients: np.ndarray
-    slope: np.ndarray
-    second: np.ndarray
-    resists: np.ndarray
-    half: np.ndarray
+    gradients: np.ndarray  # B_m u, shape (7, 24)
+    slope: np.ndarray  # derivatives of the strains ``(T gamma, Theta)`` in the forms z, shape (6, 7)
+    second: np.ndarray  # second derivatives of the energy in the forms, shape (7, 7)
+    resists: np.ndarray  # what gives the stresses from these strains, shape (2, 3, 3)
+    half: np.ndarray  # ``second`` times ``gradients``, shape (7, 24)
+    #: forms, strain, stress: shapes (7,), (6,), (6,)
     forms: np.ndarray
     strain: np.ndarray
     stress: np.ndarray

@@ -36,24 +36,13 @@ ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be t
 
 @dataclass(frozen=True, eq=False)
 class BeamStrains:
-    """Points of a body of beams, each in an element.
+    """Points of a body of beams, each in an element."""
 
-    Attributes
-    ----------
-    body
-        Of flexible beams.
-    elements
-        Their elements, shape (n_points,).
-    along
-        Places in these, 0 at the first node and 1 at the second, shape (n_points,).
-    continued
-        What continues extension and shear from the middle of a point's element to the point: its distance over that of
-        the middles of two elements, shape (n_points,), and the numbers of these, before and after, each (n_points,).
-    """
-
-    body: Beam
-    elements: np.ndarray
-    along: np.ndarray
+    body: Beam  # of flexible beams
+    elements: np.ndarray  # their elements, shape (n_points,)
+    along: np.ndarray  # places in these, 0 at the first node and 1 at the second, shape (n_points,)
+    #: what continues extension and shear from the middle of a point's element to the point: its distance over that of
+    #: the middles of two elements, shape (n_points,), and the numbers of these, before and after, each (n_points,)
     continued: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @property

@@ -62,30 +62,16 @@ def joined(lumps: Lumps, more: Lumps) -> dict[Monomial, LumpedMass]:
 
 @dataclass(frozen=True)
 class Body(ABC):
-    """A body of some kind.
+    """A body of some kind."""
 
-    Attributes
-    ----------
-    name
-        Name in the scene.
-    mesh
-        Nodes (m) in the body's own frame, and line cells; of a rigid body its centre of mass, without cells.
-    shape
-        The mesh that the scene gives, with the named points; `mesh` itself for a beam.
-    lumps
-        Masses at nodes, by node (of the mesh) and weight.
-    first_node
-        Number of the body's first node among all nodes of the mechanism.
-    first_internal
-        Number of the body's first internal coordinate among all unknowns of the mechanism.
-    """
-
-    name: str
+    name: str  # name in the scene
+    #: nodes (m) in the body's own frame, and line cells; of a rigid body its centre of mass, without cells
     mesh: LineMesh
-    shape: LineMesh
+    shape: LineMesh  # the mesh that the scene gives, with the named points; `mesh` itself for a beam
+    #: masses at nodes, by node (of the mesh) and weight
     lumps: dict[int, dict[Monomial, LumpedMass]] = field(default_factory=dict)
-    first_node: int = 0
-    first_internal: int = 0
+    first_node: int = 0  # number of the body's first node among all nodes of the mechanism
+    first_internal: int = 0  # number of the body's first internal coordinate among all unknowns of the mechanism
 
     #: Whether the body deforms.
     flexible: ClassVar[bool] = True
@@ -361,14 +347,9 @@ class Body(ABC):
 
 
 class ThirdPart(ABC):
-    """The third derivative of the strain energy of a body, for rows among all unknowns.
+    """The third derivative of the strain energy of a body, for rows among all unknowns."""
 
-    Attributes
-    ----------
-    weights, terms
-        Of the affine terms.
-    """
-
+    #: weights, terms: of the affine terms
     weights: list[Monomial]
     terms: list[np.ndarray]
 
@@ -393,13 +374,7 @@ def kinds() -> tuple[type[Body], ...]:
 
 
 def body_of(scene: Scene, name: str, shape: BodyShape) -> Body:
-    """Return the body of a scene that is made of a shape.
-
-    Raises
-    ------
-    InputError
-        If shape and scene do not fit.
-    """
+    """Return the body of a scene that is made of a shape. Raises `InputError` if shape and scene do not fit."""
     entry = scene.bodies[name]
     (kind,) = (kind for kind in kinds() if kind.takes(entry, shape))  # none or two are an error of the program
     return kind.of(scene, name, shape)

@@ -43,53 +43,36 @@ class Component:
 
     Attributes
     ----------
-    frames
-        Name and number (from 0) of every frame.
-    centres
-        Of the frames in the body's frame, shape (n_frames, d), m.
-    mass, stiffness
-        ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n).
     moments
         ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
         Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
-    fields
-        What of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
-        ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
-    probes
-        ``T^T M w`` for fixed fields w of the mesh, shape (n, n_probes): what tells modes apart whatever T is.
-    n_mesh_dofs
-        Number of unknowns of the mesh.
-    error
-        Estimated relative error of the interface's answers over the frequencies asked for.
-    centre_of_mass
-        Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
-    recovery
-        T and the mesh, where stresses are asked for or where they are small; of a rigid body the rigid motions of its
-        mesh. None where they are not known.
-    large
-        What is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
-        bodies read back from a reduced model, whose tables hold it.
-    foreshortening
-        Second derivatives of the amplitudes of the elastic free modes, shape (n_modes, n_modes, n_modes), 1/m; None
-        where the body does not follow it, and of bodies read back, whose floating frames hold it.
-    floating
-        The same body in a floating frame; None of rigid bodies.
     """
 
-    frames: dict[str, int]
-    centres: np.ndarray
+    frames: dict[str, int]  # name and number (from 0) of every frame
+    centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
+    #: mass, stiffness: ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n)
     mass: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
     moments: dict[Monomial, np.ndarray] = field(compare=False)  # a model that is read back is the same without them
+    #: what of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
+    #: ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
     fields: np.ndarray
+    #: ``T^T M w`` for fixed fields w of the mesh, shape (n, n_probes): what tells modes apart whatever T is
     probes: np.ndarray
-    n_mesh_dofs: int
-    error: float
+    n_mesh_dofs: int  # number of unknowns of the mesh
+    error: float  # estimated relative error of the interface's answers over the frequencies asked for
+    #: of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one
     centre_of_mass: np.ndarray | None = None
+    #: t and the mesh, where stresses are asked for or where they are small; of a rigid body the rigid motions of its
+    #: mesh. None where they are not known.
     recovery: Recovery | None = None
+    #: what is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
+    #: bodies read back from a reduced model, whose tables hold it
     large: LargeDeformation | None = None
+    #: second derivatives of the amplitudes of the elastic free modes, shape (n_modes, n_modes, n_modes), 1/m; None
+    #: where the body does not follow it, and of bodies read back, whose floating frames hold it
     foreshortening: np.ndarray | None = field(default=None, compare=False)
-    floating: FloatingBody | None = None
+    floating: FloatingBody | None = None  # the same body in a floating frame; None of rigid bodies
 
     def terms(self, kind: str) -> dict[Monomial, np.ndarray]:
         """Return the matrices (n, n) of ``"mass"``, ``"stiffness"`` or ``"stretching"`` by weight; none of the last
@@ -138,10 +121,7 @@ class Component:
 def rigid_component(meshed: FramedSolid) -> Component:
     """Return the component of a rigid body.
 
-    Raises
-    ------
-    InputError
-        If its parts have densities that vary apart: its centre of mass would move with the parameters.
+    Raises `InputError` if its parts have densities that vary apart: its centre of mass would move with the parameters.
     """
     solid = meshed.solid
     moments = solid.second_moments()
@@ -163,13 +143,9 @@ def rigid_component(meshed: FramedSolid) -> Component:
 def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray) -> Component:
     """Return the component of a rigid body with the mass of beams in space, their axes of shape (n_cells, 3, 3).
 
-    A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1
-    e_1^T) + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``.
-
-    Raises
-    ------
-    InputError
-        If lengths and sections have densities that vary apart: inertia forces would not be affine in them.
+    A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1 e_1^T)
+    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``. Raises `InputError` if lengths and sections have densities that vary
+    apart: inertia forces would not be affine in them.
     """
     terms = section.terms("mass")
     if len(terms) > 1:

@@ -14,18 +14,10 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Cells(NamedTuple):
-    """Geometry of cells in their reference places.
+    """Geometry of cells in their reference places."""
 
-    Attributes
-    ----------
-    gradients
-        ``dN_a/dX_j``, shape (n_q, n_a, d), 1/m.
-    volumes
-        Of the quadrature points, shape (n_q,), m^d.
-    """
-
-    gradients: np.ndarray
-    volumes: np.ndarray
+    gradients: np.ndarray  # ``dN_a/dX_j``, shape (n_q, n_a, d), 1/m
+    volumes: np.ndarray  # of the quadrature points, shape (n_q,), m^d
 
 
 class CellWork(NamedTuple):

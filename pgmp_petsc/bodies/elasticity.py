@@ -33,18 +33,10 @@ class Lame:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Elements at their quadrature points.
+    """Elements at their quadrature points."""
 
-    Attributes
-    ----------
-    gradients
-        ``dN_a/dX_j``, shape (n_e, n_q, d, n_a), 1/m.
-    volumes
-        Determinant of the Jacobian times weight, shape (n_e, n_q), m^d.
-    """
-
-    gradients: np.ndarray
-    volumes: np.ndarray
+    gradients: np.ndarray  # ``dN_a/dX_j``, shape (n_e, n_q, d, n_a), 1/m
+    volumes: np.ndarray  # determinant of the Jacobian times weight, shape (n_e, n_q), m^d
 
     @classmethod
     def of(cls, places: np.ndarray, quadrature: Quadrature) -> Geometry:
@@ -53,8 +45,7 @@ class Geometry:
         # dX_i/dxi_j; its inverse turns reference gradients into those in X
         inverse, determinants = np.linalg.inv(jacobians), np.linalg.det(jacobians)
         return cls(
-            np.einsum("eqji,qja->eqia", inverse, quadrature.gradients, optimize=True),
-            determinants * quadrature.weights,
+            np.einsum("eqji,qja->eqia", inverse, quadrature.gradients, optimize=True), determinants * quadrature.weights
         )
 
 

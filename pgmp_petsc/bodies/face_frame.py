@@ -23,27 +23,13 @@ SMALLEST_RADIUS = 1e-6  # of gyration, over the extent of the mesh: below, a rot
 
 @dataclass(frozen=True, eq=False)
 class FaceFrame:
-    """A frame that follows a group of faces.
+    """A frame that follows a group of faces."""
 
-    Attributes
-    ----------
-    centre
-        X_c in the body's frame, shape (d,), m.
-    nodes
-        Nodes of the faces, shape (n,).
-    weights
-        ``1/A int N_i dA``, shape (n,); their sum is 1.
-    arms
-        ``1/A int N_i X' dA``, shape (n, d), m.
-    inertia
-        ``H / A``, shape (3, 3), or the scalar of the plane as (1, 1), m2.
-    """
-
-    centre: np.ndarray
-    nodes: np.ndarray
-    weights: np.ndarray
-    arms: np.ndarray
-    inertia: np.ndarray
+    centre: np.ndarray  # X_c in the body's frame, shape (d,), m
+    nodes: np.ndarray  # nodes of the faces, shape (n,)
+    weights: np.ndarray  # ``1/A int N_i dA``, shape (n,); their sum is 1
+    arms: np.ndarray  # ``1/A int N_i X' dA``, shape (n, d), m
+    inertia: np.ndarray  # ``H / A``, shape (3, 3), or the scalar of the plane as (1, 1), m2
 
     @classmethod
     def of(cls, places: np.ndarray, faces: np.ndarray, kind: str) -> FaceFrame:

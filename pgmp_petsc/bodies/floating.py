@@ -45,38 +45,26 @@ class FloatingBody:
 
     Attributes
     ----------
-    frames
-        Name and number (from 0) of every frame that joints, effects and outputs hold.
-    centres
-        Of the frames in the body's frame, shape (n_frames, d), m.
-    shapes
-        Displacement and small rotation of every frame for a unit of each amplitude, shape (n_frames, 3, n), in space
-        (n_frames, 6, n).
-    moments
-        ``int rho f_a f_b dV`` by weight, shape (1 + d + d n, 1 + d + d n): of 1, of the coordinates, of Psi_1, of Psi_2
-        ...
-    stiffness
-        Of the amplitudes, by weight, shape (n, n).
-    bent
-        Second derivatives of the frames' displacements in the amplitudes, shape (n_frames, d, n, n), 1/m; zero where
-        the body does not follow its foreshortening.
-    curved
-        ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise.
     recovery
         The fields on the mesh, of condensed bodies as far as these have them.
-    parts
-        Small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
-        is, shape (n_rigid + n, n_rigid + n); None of a body of beams.
     """
 
-    frames: dict[str, int]
-    centres: np.ndarray
+    frames: dict[str, int]  # name and number (from 0) of every frame that joints, effects and outputs hold
+    centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
+    #: displacement and small rotation of every frame for a unit of each amplitude, shape (n_frames, 3, n), in space
+    #: (n_frames, 6, n)
     shapes: np.ndarray
+    #: ``int rho f_a f_b dV`` by weight, shape (1 + d + d n, 1 + d + d n): of 1, of the coordinates, of Psi_1, of Psi_2
+    #: ..
     moments: dict[Monomial, np.ndarray]
-    stiffness: dict[Monomial, np.ndarray]
+    stiffness: dict[Monomial, np.ndarray]  # of the amplitudes, by weight, shape (n, n)
+    #: second derivatives of the frames' displacements in the amplitudes, shape (n_frames, d, n, n), 1/m; zero where the
+    #: body does not follow its foreshortening
     bent: np.ndarray
-    curved: dict[Monomial, np.ndarray]
+    curved: dict[Monomial, np.ndarray]  # ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise
     recovery: Recovery | None = field(default=None, compare=False)  # follows from the body's own and from `parts`
+    #: small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
+    #: is, shape (n_rigid + n, n_rigid + n); None of a body of beams
     parts: np.ndarray | None = None
 
     @property

@@ -34,20 +34,11 @@ SLENDER = 3.0  # longest over second extent of a body that has a long axis
 
 @dataclass(frozen=True, eq=False)
 class LargeDeformation:
-    """Terms of n displacement fields of a body, by weight; what remains when the weight is taken out.
+    """Terms of n displacement fields of a body, by weight; what remains when the weight is taken out."""
 
-    Attributes
-    ----------
-    third
-        W3, symmetric, shape (n, n, n).
-    stretching
-        Stiffness against the mean strains of pieces, shape (n, n).
-    slenderness
-        Longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing.
-    """
-
-    third: dict[Monomial, np.ndarray]
-    stretching: dict[Monomial, np.ndarray]
+    third: dict[Monomial, np.ndarray]  # W3, symmetric, shape (n, n, n)
+    stretching: dict[Monomial, np.ndarray]  # stiffness against the mean strains of pieces, shape (n, n)
+    #: longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing
     slenderness: float
 
     @property
@@ -57,13 +48,7 @@ class LargeDeformation:
 
 
 class LongAxis:
-    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent.
-
-    Parameters
-    ----------
-    solid
-        The body.
-    """
+    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent."""
 
     def __init__(self, solid: Solid) -> None:
         mesh = solid.mesh

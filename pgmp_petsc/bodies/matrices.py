@@ -25,18 +25,11 @@ from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
 
 @dataclass(frozen=True)
 class AffineMatrices:
-    """Rows ``[rows.start, rows.stop)`` of every affine term.
+    """Rows ``[rows.start, rows.stop)`` of every affine term."""
 
-    Attributes
-    ----------
-    rows
-        The range of rows (unknowns) held here.
-    mass, stiffness
-        One CSR matrix of shape (n_rows, n_dofs) a weight; M_i (kg, kg m^2) and K_i (N/m, N m) are what remains
-        when the weight is taken out.
-    """
-
-    rows: range
+    rows: range  # the range of rows (unknowns) held here
+    #: mass, stiffness: one CSR matrix of shape (n_rows, n_dofs) a weight; M_i (kg, kg m^2) and K_i (N/m, N m) are what
+    #: remains when the weight is taken out
     mass: dict[Monomial, sp.csr_matrix]
     stiffness: dict[Monomial, sp.csr_matrix]
 
@@ -70,11 +63,7 @@ def owned_rows(n_dofs: int, rank: int, size: int) -> range:
 
 def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     """Assemble the given rows of all affine terms of all bodies, in body frames."""
-    return AffineMatrices(
-        rows,
-        mass=mass_of_bodies(bodies, rows),
-        stiffness=_assemble_terms(bodies, rows, "stiffness"),
-    )
+    return AffineMatrices(rows, mass=mass_of_bodies(bodies, rows), stiffness=_assemble_terms(bodies, rows, "stiffness"))
 
 
 def mass_of_bodies(bodies: Sequence[Body], rows: range) -> dict[Monomial, sp.csr_matrix]:

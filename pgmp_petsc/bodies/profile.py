@@ -31,14 +31,9 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """A factor over the cells of a body.
+    """A factor over the cells of a body."""
 
-    Attributes
-    ----------
-    terms
-        f_k by weight, each of shape (n_cells,), beside the 1; none of a uniform body.
-    """
-
+    #: f_k by weight, each of shape (n_cells,), beside the 1; none of a uniform body
     terms: Mapping[Monomial, np.ndarray] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
@@ -94,19 +89,12 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """The factors of a body.
+    """The factors of a body."""
 
-    Attributes
-    ----------
-    modulus, density
-        Of Young's modulus and of the density.
-    size
-        Of a size of its cross-section that stiffness and mass are proportional to.
-    """
-
+    #: modulus, density: of Young's modulus and of the density
     modulus: Profile = Profile()
     density: Profile = Profile()
-    size: Profile = Profile()
+    size: Profile = Profile()  # of a size of its cross-section that stiffness and mass are proportional to
 
     def __bool__(self) -> bool:
         return bool(self.modulus or self.density or self.size)
@@ -131,15 +119,9 @@ UNIFORM = Profiles()
 
 @dataclass(frozen=True)
 class SectionScale:
-    """A scale s of cross-sections.
+    """A scale s of cross-sections."""
 
-    Attributes
-    ----------
-    factor
-        s, of which the mesh has 1.
-    """
-
-    factor: Quantity
+    factor: Quantity  # s, of which the mesh has 1
     #: of the condensed body's terms, whose coordinates scale too (`components.section_coordinates`)
     powers: ClassVar[Mapping[str, range]] = {"mass": range(2, 5), "stiffness": range(5)}
 

@@ -23,21 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The displacements that a condensed body's coordinates describe.
+    """The displacements that a condensed body's coordinates describe."""
 
-    Attributes
-    ----------
-    carrier
-        The mesh of continuum elements, or the body of beams, as it was before.
-    shapes
-        Displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node
-        after node, shape (n_mesh_dofs, n).
-    answered
-        Whether the shapes hold the body's static answers to its own inertia forces, as stress outputs ask for.
-    """
-
-    carrier: SolidMesh | Beam
+    carrier: SolidMesh | Beam  # the mesh of continuum elements, or the body of beams, as it was before
+    #: displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node after
+    #: node, shape (n_mesh_dofs, n)
     shapes: np.ndarray
+    #: whether the shapes hold the body's static answers to its own inertia forces, as stress outputs ask for
     answered: bool = True
 
     @property

@@ -32,47 +32,24 @@ ENTRIES_AT_ONCE = 2_000_000  # of element matrices: 16 MB, which stays near the 
 
 @dataclass(frozen=True)
 class Region:
-    """Cells of one material.
+    """Cells of one material."""
 
-    Attributes
-    ----------
-    cells
-        Numbers of the cells, shape (n,).
-    modulus, density
-        Young's modulus (Pa) and density (kg/m3); in plane stress times the thickness (N/m, kg/m2).
-    nu
-        Poisson's ratio.
-    """
-
-    cells: np.ndarray
+    cells: np.ndarray  # numbers of the cells, shape (n,)
+    #: modulus, density: Young's modulus (Pa) and density (kg/m3); in plane stress times the thickness (N/m, kg/m2)
     modulus: Quantity
     density: Quantity
-    nu: float
+    nu: float  # Poisson's ratio
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A continuum body.
+    """A continuum body."""
 
-    Attributes
-    ----------
-    name
-        Name in the scene.
-    mesh
-        Of one kind of cells, in the body's frame, m.
-    regions
-        Materials; every cell is in one of them.
-    section_scale
-        What scales the cross-section.
-    profiles
-        What the constants are multiplied by, cell by cell.
-    """
-
-    name: str
-    mesh: SolidMesh
-    regions: tuple[Region, ...]
-    section_scale: SectionScale | None = None
-    profiles: Profiles = UNIFORM
+    name: str  # name in the scene
+    mesh: SolidMesh  # of one kind of cells, in the body's frame, m
+    regions: tuple[Region, ...]  # materials; every cell is in one of them
+    section_scale: SectionScale | None = None  # what scales the cross-section
+    profiles: Profiles = UNIFORM  # what the constants are multiplied by, cell by cell
 
     @property
     def n_dofs(self) -> int:

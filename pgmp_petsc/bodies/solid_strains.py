@@ -34,30 +34,15 @@ CLOSE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SolidStrains:
-    """Points of a mesh at which strains are wanted, each a node or a place as an element sees it.
+    """Points of a mesh at which strains are wanted, each a node or a place as an element sees it."""
 
-    Attributes
-    ----------
-    mesh
-        The body's.
-    cells
-        Numbers of the cells that take part, shape (n_c,).
-    gradients
-        ``dN_a/dX_j`` at their sampling points, shape (n_c, n_g, d, n_a), 1/m.
-    weights
-        What makes the strains of the points from those of all sampling points, shape (n_points, n_c n_g).
-    material
-        Number of the material of every point, shape (n_points,).
-    nodes
-        Nodes that the points are at, shape (n_points,); -1 at places between them.
-    """
-
-    mesh: SolidMesh
-    cells: np.ndarray
-    gradients: np.ndarray
+    mesh: SolidMesh  # the body's
+    cells: np.ndarray  # numbers of the cells that take part, shape (n_c,)
+    gradients: np.ndarray  # ``dN_a/dX_j`` at their sampling points, shape (n_c, n_g, d, n_a), 1/m
+    #: what makes the strains of the points from those of all sampling points, shape (n_points, n_c n_g)
     weights: sp.csr_matrix
-    material: np.ndarray
-    nodes: np.ndarray
+    material: np.ndarray  # number of the material of every point, shape (n_points,)
+    nodes: np.ndarray  # nodes that the points are at, shape (n_points,); -1 at places between them
 
     @property
     def n_points(self) -> int:

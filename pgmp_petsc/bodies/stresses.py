@@ -40,20 +40,11 @@ Strains = SolidStrains | BeamStrains
 
 @dataclass(frozen=True, eq=False)
 class SolidLaw:
-    """Stresses of a continuum body.
+    """Stresses of a continuum body."""
 
-    Attributes
-    ----------
-    materials
-        Young's modulus (Pa) and Lame's constants over it of every material.
-    profile
-        What the modulus is multiplied by, cell by cell.
-    thickness
-        In plane stress, and what it is multiplied by, cell by cell.
-    """
-
-    materials: tuple[tuple[Quantity, Lame], ...]
-    profile: Profile = Profile()
+    materials: tuple[tuple[Quantity, Lame], ...]  # Young's modulus (Pa) and Lame's constants over it of every material
+    profile: Profile = Profile()  # what the modulus is multiplied by, cell by cell
+    #: in plane stress, and what it is multiplied by, cell by cell
     thickness: tuple[Quantity, Profile] = (Quantity(1.0), Profile())
 
     def values(
@@ -92,21 +83,12 @@ class SolidLaw:
 
 @dataclass(frozen=True, eq=False)
 class BeamLaw:
-    """Forces and moments in the sections of beams, and stresses in their outermost fibres.
+    """Forces and moments in the sections of beams, and stresses in their outermost fibres."""
 
-    Attributes
-    ----------
-    modulus
-        Young's modulus, Pa; None of a section given by coefficients.
-    reach
-        Distances of the outermost fibre from the axis, along the section's second and third axis, m.
-    round
-        Whether the section is a circle.
-    """
-
-    modulus: Quantity | None
+    modulus: Quantity | None  # Young's modulus, Pa; None of a section given by coefficients
+    #: distances of the outermost fibre from the axis, along the section's second and third axis, m
     reach: tuple[Quantity, Quantity] | None
-    round: bool
+    round: bool  # whether the section is a circle
 
     def values(
         self, quantities: Iterable[str], points: BeamStrains, strains: np.ndarray, parameters: Values
@@ -161,15 +143,9 @@ def _number_of(quantity: str, body: Beam) -> int:
 
 
 class BodyStresses(ABC):
-    """Where and how a flexible body has stresses.
+    """Where and how a flexible body has stresses."""
 
-    Attributes
-    ----------
-    mesh
-        Its cells, or lines.
-    """
-
-    mesh: SolidMesh | LineMesh
+    mesh: SolidMesh | LineMesh  # its cells, or lines
 
     def __init__(self, scene: Scene, name: str) -> None:
         self._scene, self._name, self._entry = scene, name, scene.bodies[name]

@@ -17,30 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class Session:
-    """One call of ``pgmp``; click's context object (``context.obj``).
+    """One call of ``pgmp``; click's context object (``context.obj``)."""
 
-    Parameters
-    ----------
-    comm : mpi4py.MPI.Comm
-        All ranks of the run.
-    petsc_options : sequence of str
-        What stood after ``--`` on the command line.
-    quiet : bool
-        Whether `say` prints nothing.
-    json : bool
-        Whether the command prints its figures as JSON, and nothing else.
-
-    Attributes
-    ----------
-    petsc_started : bool
-        Whether PETSc was started for the command.
-    """
-
-    comm: MPI.Comm
-    petsc_options: Sequence[str] = ()
-    quiet: bool = False
-    json: bool = False
-    petsc_started: bool = field(default=False, init=False)
+    comm: MPI.Comm  # all ranks of the run
+    petsc_options: Sequence[str] = ()  # what stood after ``--`` on the command line
+    quiet: bool = False  # whether `say` prints nothing
+    json: bool = False  # whether the command prints its figures as JSON, and nothing else
+    petsc_started: bool = field(default=False, init=False)  # whether PETSc was started for the command
 
     def start_petsc(self) -> None:
         """Start PETSc with the user's options; anything that imports PETSc is imported after this."""

@@ -58,42 +58,21 @@ def _plugin(cls: type) -> Plugin:
 
 @dataclass(eq=False)
 class Family:
-    """The ideas of one kind.
+    """The ideas of one kind."""
 
-    Parameters
-    ----------
-    what
-        What one of them is, for messages: ``effect``.
-    base
-        Name of the class that they are subclasses of, for messages.
-    room
-        Package whose modules have the program's own.
-    group
-        Entry points of installed packages, by the name of the table of a scene: ``effects`` is ``pgmp.effects``.
-    key
-        Entry that names one of them.
-
-    Attributes
-    ----------
-    classes
-        Those that were imported, by their names.
-    """
-
-    what: str
-    base: str
-    room: str
+    what: str  # what one of them is, for messages: ``effect``
+    base: str  # name of the class that they are subclasses of, for messages
+    room: str  # package whose modules have the program's own
+    #: entry points of installed packages, by the name of the table of a scene: ``effects`` is ``pgmp.effects``
     group: str
-    key: str = "type"
-    classes: dict[str, type[BaseModel]] = field(default_factory=dict)
+    key: str = "type"  # entry that names one of them
+    classes: dict[str, type[BaseModel]] = field(default_factory=dict)  # those that were imported, by their names
     _looked_through: bool = False
 
     def take(self, cls: type[BaseModel]) -> bool:
         """Take a class into the family if it has a ``type`` (or another `key`) of its own; return whether it has.
 
-        Raises
-        ------
-        InputError
-            If the type is no literal text, or another idea has it.
+        Raises `InputError` if the type is no literal text, or another idea has it.
         """
         if self.key not in cls.model_fields:
             return False

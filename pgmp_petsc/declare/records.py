@@ -279,10 +279,8 @@ class Record:
     def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
         """Read what `put` wrote.
 
-        Raises
-        ------
-        InputError, ValueError, LookupError, TypeError
-            If it does not fit together; see :func:`~pgmp_petsc.runtime.files.shapes_of`.
+        Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
+        :func:`~pgmp_petsc.runtime.files.shapes_of`.
         """
         taken: dict[str, Any] = {}
         for one in declared(cls):
@@ -292,7 +290,7 @@ class Record:
         except ValueError as error:
             if group.name == "/":
                 raise
-            raise ValueError(f"{error} (in '{group.name}')") from error
+            raise ValueError(f"'{group.name}': {error}") from error
 
     @classmethod
     def found_in(cls, group: h5py.Group) -> Self | None:

@@ -22,7 +22,7 @@ from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.effects import LawMismatch
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Action:
 
     Raises
     ------
-    InputError
+    LawMismatch
         If the law has other parameters; with the file and line of who makes the action.
     """
 
@@ -64,7 +64,7 @@ class Action:
     def __post_init__(self) -> None:
         if len(self.parameters) != len(self.law.parameters):
             maker = sys._getframe(2)
-            raise InputError(
+            raise LawMismatch(
                 f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: law "
                 f"{self.law.name} ({self.law.place}) has the parameters "
                 f"{', '.join(self.law.parameters)}, and is given {len(self.parameters)}; give one for each"

@@ -31,7 +31,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
-from pgmp_petsc.runtime.compiled import native_address, njit, source_mark
+from pgmp_petsc.runtime.compiled import native_address, njit, text_mark
 from pgmp_petsc.runtime.errors import InputError
 
 STATE = ("s", "rate", "amplitude")
@@ -156,7 +156,7 @@ class Law(Printed):
             If the force is not finite.
         """
         *declaration, place = astuple(self)
-        key = repr((source_mark(__name__), declaration))
+        key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions"), declaration))
         found = kept(self.name, key, Path(self.file), self._printed)
         self._check_finite(found)
         return found

@@ -63,53 +63,28 @@ SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
 
 @dataclass(frozen=True)
 class CoarserRun:
-    """Outputs of a run with a coarser step.
+    """Outputs of a run with a coarser step."""
 
-    Attributes
-    ----------
-    step
-        s.
-    time
-        Instants, shape (n_t,), s.
-    outputs
-        By name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed.
-    status, failure_time
-        Of every sample; FINE and NaN where only the work was too much.
-    divided
-        Share of the steps that were taken in parts, shape (n_samples,).
-    shortest
-        Time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none.
-    """
-
-    step: float
-    time: np.ndarray
+    step: float  # s
+    time: np.ndarray  # instants, shape (n_t,), s
+    #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed
     outputs: dict[str, np.ndarray]
+    #: status, failure_time: of every sample; FINE and NaN where only the work was too much
     status: np.ndarray
     failure_time: np.ndarray
-    divided: np.ndarray
+    divided: np.ndarray  # share of the steps that were taken in parts, shape (n_samples,)
+    #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
 
 
 @dataclass(frozen=True)
 class StepErrors:
-    """Errors of one run's time step.
+    """Errors of one run's time step."""
 
-    Attributes
-    ----------
-    time
-        Instants, shape (n_e,), s.
-    outputs
-        Error of each output, shape (n_e,): the run's less what it should be.
-    lost_hz
-        Frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming.
-    unsure
-        Why the order of the error is not known; empty where it is.
-    """
-
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
-    lost_hz: float
-    unsure: str
+    time: np.ndarray  # instants, shape (n_e,), s
+    outputs: dict[str, np.ndarray]  # error of each output, shape (n_e,): the run's less what it should be
+    lost_hz: float  # frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming
+    unsure: str  # why the order of the error is not known; empty where it is
 
 
 def run_coarser(
@@ -227,8 +202,6 @@ def step_errors(
     ----------
     time, outputs
         Of the run, shape (n_t,), and each of the same shape.
-    other
-        The coarser run.
     sample
         Number of the sample in it.
     """
@@ -265,21 +238,12 @@ def step_errors(
 
 @dataclass(frozen=True)
 class Bands:
-    """Bands of a short-time Fourier transform: Hann windows, half over one another.
+    """Bands of a short-time Fourier transform: Hann windows, half over one another."""
 
-    Attributes
-    ----------
-    length
-        Steps in a window.
-    turns
-        ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,).
-    drifts
-        By what share of its amplitude such a vibration goes off in a step, shape (n_bands,).
-    """
-
-    length: int
+    length: int  # steps in a window
+    #: ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,)
     turns: np.ndarray
-    drifts: np.ndarray
+    drifts: np.ndarray  # by what share of its amplitude such a vibration goes off in a step, shape (n_bands,)
 
     @classmethod
     def of(cls, spectral_radius: float, n_steps: int) -> Bands:

@@ -60,23 +60,13 @@ STOPPED = f"the reduced run with 1/{FINER} of the step, which the estimate is ma
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated errors of n samples; NaN where a sample failed or has no estimate.
+    """Estimated errors of n samples; NaN where a sample failed or has no estimate."""
 
-    Attributes
-    ----------
-    largest
-        Largest size of the error of every output over the run, shape (n,).
-    at_end
-        Error of every output at the end, reduced less full-order, shape (n,).
-    histories
-        Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
-    absent
-        Of every output why each sample has none, n of them; empty where it has one, and where the sample failed.
-    """
-
-    largest: dict[str, np.ndarray]
-    at_end: dict[str, np.ndarray]
+    largest: dict[str, np.ndarray]  # largest size of the error of every output over the run, shape (n,)
+    at_end: dict[str, np.ndarray]  # error of every output at the end, reduced less full-order, shape (n,)
+    #: of every sample: instants (s), and errors of every output at these, each of shape (n_e,)
     histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
+    #: of every output why each sample has none, n of them; empty where it has one, and where the sample failed
     absent: dict[str, tuple[str, ...]]
 
 
@@ -85,8 +75,6 @@ class ErrorIndicator:
 
     Parameters
     ----------
-    model
-        The reduced model.
     told
         The model whose outputs runs have, where these are not the model's own.
     """
@@ -246,12 +234,7 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
-        begin: np.ndarray | None,
+        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray, begin: np.ndarray | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 

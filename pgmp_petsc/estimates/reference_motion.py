@@ -34,14 +34,9 @@ TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 
 @dataclass(frozen=True)
 class Instant:
-    """Motion at one instant; all of shape (n_dofs, n_samples).
+    """Motion at one instant; all of shape (n_dofs, n_samples)."""
 
-    Attributes
-    ----------
-    q, v, a
-        Unknowns, velocities and accelerations that belong together.
-    """
-
+    #: q, v, a: unknowns, velocities and accelerations that belong together
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
@@ -65,13 +60,7 @@ class ReferenceMotion:
     """
 
     def __init__(
-        self,
-        unknowns: Unknowns,
-        n_dofs: int,
-        states: np.ndarray,
-        n_theta: int,
-        longest: float,
-        rotations: np.ndarray,
+        self, unknowns: Unknowns, n_dofs: int, states: np.ndarray, n_theta: int, longest: float, rotations: np.ndarray
     ) -> None:
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
         self._n_theta, self._longest, self._rotations = n_theta, longest, rotations

@@ -38,28 +38,15 @@ UNSURE = 2.5  # beyond which the last two do not tell the error, as their own er
 
 @dataclass(frozen=True)
 class Schedule:
-    """Even evaluations of a run.
+    """Even evaluations of a run."""
 
-    Attributes
-    ----------
-    steps
-        Numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the
-        same number of steps, but the first may have less: the value at its end then represents a whole interval.
-    places
-        Places of these among the steps that are kept while a run goes on, shape (n_e,).
-    told
-        Which of these are ends of the run's own steps, shape (n_e,).
-    interval
-        Time between two evaluations, s.
-    spectral_radius
-        Of the integration over these: 0, without a memory of what is faster, where they are longer than the
-        run's steps.
-    """
-
+    #: numbers of the smaller steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the same
+    #: number of steps, but the first may have less: the value at its end then represents a whole interval.
     steps: np.ndarray
-    places: np.ndarray
-    told: np.ndarray
-    interval: float
+    places: np.ndarray  # places of these among the steps that are kept while a run goes on, shape (n_e,)
+    told: np.ndarray  # which of these are ends of the run's own steps, shape (n_e,)
+    interval: float  # time between two evaluations, s
+    #: of the integration over these: 0, without a memory of what is faster, where they are longer than the run's steps
     spectral_radius: float
 
 
@@ -72,7 +59,7 @@ def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]
     while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
         strides.append(strides[-1] // 2)
     strides = strides[1:] if len(strides) > 2 else strides
-    steps = [_every(each, FINER * n_steps) for each in strides]
+    steps = [np.concatenate([[0], np.arange(FINER * n_steps, 0, -each)[::-1]]) for each in strides]
     kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
     return [
         Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
@@ -90,11 +77,6 @@ def places_of(kept: np.ndarray) -> np.ndarray:
     places = np.full(kept[-1] + 1, -1)
     places[kept] = np.arange(kept.size)
     return places
-
-
-def _every(stride: int, n_steps: int) -> np.ndarray:
-    """Return 0 and the numbers of steps at every stride back from the end."""
-    return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
 def differences(

@@ -28,39 +28,22 @@ ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the 
 
 
 class Axis(NamedTuple):
-    """Places along one coordinate.
+    """Places along one coordinate."""
 
-    Attributes
-    ----------
-    lower, turn
-        Lower end of the range and, of a periodic one, its length, or else 0; rad.
-    middles
-        Between neighbouring places, rad; behind the last one of a periodic range comes the first.
-    n
-        Number of places.
-    """
-
+    #: lower, turn: lower end of the range and, of a periodic one, its length, or else 0; rad
     lower: float
     turn: float
-    middles: np.ndarray
-    n: int
+    middles: np.ndarray  # between neighbouring places, rad; behind the last one of a periodic range comes the first
+    n: int  # number of places
 
 
 class Places(NamedTuple):
-    """The sampled configurations, and what holds at each of them.
+    """The sampled configurations, and what holds at each of them."""
 
-    Attributes
-    ----------
-    axes
-        An `Axis` of every coordinate.
-    stiffness
-        Lower triangles, halved on the diagonal, shape (n_places, n_terms, n_delta (n_delta + 1) / 2).
-    influence, of_modes
-        As of `StiffnessChanges`; without modes where nothing is known of these.
-    """
-
-    axes: tuple[Axis, ...]
+    axes: tuple[Axis, ...]  # an `Axis` of every coordinate
+    #: lower triangles, halved on the diagonal, shape (n_places, n_terms, n_delta (n_delta + 1) / 2)
     stiffness: np.ndarray
+    #: influence, of_modes: as of `StiffnessChanges`; without modes where nothing is known of these
     influence: np.ndarray
     of_modes: np.ndarray
 
@@ -81,19 +64,12 @@ class Places(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Weights of the terms of n samples, from their own parameters.
+    """Weights of the terms of n samples, from their own parameters."""
 
-    Attributes
-    ----------
-    mass, loads
-        Vectors (n_blocks, n_terms, LANES).
-    stiffness
-        Shape (n, n_terms).
-    """
-
+    #: mass, loads: vectors (n_blocks, n_terms, LANES)
     mass: np.ndarray
     loads: np.ndarray
-    stiffness: np.ndarray
+    stiffness: np.ndarray  # shape (n, n_terms)
 
     @classmethod
     def of(cls, mass: np.ndarray, loads: np.ndarray, stiffness: np.ndarray) -> Self:
@@ -102,25 +78,16 @@ class Weights(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Values kept of n samples in lanes, sample k in lane ``k % LANES`` of block ``k // LANES``.
+    """Values kept of n samples in lanes, sample k in lane ``k % LANES`` of block ``k // LANES``."""
 
-    Attributes
-    ----------
-    ends
-        Of the range of each coordinate that is nearest to the sample's place, lower and upper one, rad, shape
-        (n_blocks, 2 n_theta, LANES); NaN before there is a place.
-    terms
-        Stiffness, influences and stiffness of the modes at that place, shape (n_blocks, n_entries, LANES).
-    largest
-        Elastic energy in the present part of the run, least and largest share, shape (n_blocks, 3, LANES).
-    states
-        The most deformed one of every part, shape (n_blocks, n_parts, n_eta, LANES).
-    """
-
+    #: of the range of each coordinate that is nearest to the sample's place, lower and upper one, rad, shape (n_blocks,
+    #: 2 n_theta, LANES); NaN before there is a place
     ends: np.ndarray
+    #: stiffness, influences and stiffness of the modes at that place, shape (n_blocks, n_entries, LANES)
     terms: np.ndarray
+    #: elastic energy in the present part of the run, least and largest share, shape (n_blocks, 3, LANES)
     largest: np.ndarray
-    states: np.ndarray
+    states: np.ndarray  # the most deformed one of every part, shape (n_blocks, n_parts, n_eta, LANES)
 
     @classmethod
     def nothing(cls, places: Places, n_parts: int, n: int, n_eta: int) -> Self:

@@ -30,18 +30,10 @@ FASTEST = 50.0  # pictures a second that a GIF may have: its times are whole hun
 
 @dataclass(frozen=True)
 class Pace:
-    """Which instants a film shows, and how fast.
+    """Which instants a film shows, and how fast."""
 
-    Attributes
-    ----------
-    numbers
-        Of the instants, in their order.
-    rate
-        Pictures a second.
-    """
-
-    numbers: np.ndarray
-    rate: float
+    numbers: np.ndarray  # of the instants, in their order
+    rate: float  # pictures a second
 
     @property
     def seconds(self) -> float:
@@ -65,12 +57,8 @@ class Pace:
 def write_film(motion: Motion, path: Path, pace: Pace) -> int:
     """Write a film, whole or not at all, and return how many pictures it has; by one process.
 
-    Raises
-    ------
-    InputError
-        If there is nothing to draw or to write it with.
-    RunError
-        If the system, or what makes the film, fails.
+    Raises `InputError` if there is nothing to draw or to write it with; `RunError` if the system, or what makes the
+    film, fails.
     """
     ending = path.suffix.lower()
     if ending == GIF and 1.0 / pace.rate > SLOWEST:

@@ -55,18 +55,10 @@ _GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))
 
 @dataclass(frozen=True)
 class TimeColours:
-    """Colours of instants, or of their order, from yellow to dark violet.
+    """Colours of instants, or of their order, from yellow to dark violet."""
 
-    Attributes
-    ----------
-    scale
-        From time (s) to 0 ... 1.
-    colours
-        From there to a colour.
-    """
-
-    scale: Normalize
-    colours: Colormap
+    scale: Normalize  # from time (s) to 0 ... 1
+    colours: Colormap  # from there to a colour
 
     @classmethod
     def over(cls, time: np.ndarray) -> TimeColours:
@@ -84,21 +76,11 @@ class TimeColours:
 
 @dataclass(frozen=True)
 class Shapes:
-    """The shapes of a run as they are shown.
+    """The shapes of a run as they are shown."""
 
-    Attributes
-    ----------
-    frames
-        Where they come from.
-    positions
-        Of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture.
-    oblique
-        Whether they are seen obliquely, because the motion leaves the plane.
-    """
-
-    frames: Frames
-    positions: dict[str, np.ndarray]
-    oblique: bool = False
+    frames: Frames  # where they come from
+    positions: dict[str, np.ndarray]  # of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture
+    oblique: bool = False  # whether they are seen obliquely, because the motion leaves the plane
 
     @classmethod
     def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:
@@ -234,6 +216,8 @@ def mechanism(
 ) -> Figure:
     """Draw the mechanism's shape at instants that divide the run equally.
 
+    Raises `InputError` if the trajectory has no frames.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -245,11 +229,6 @@ def mechanism(
         body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
     label : str
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the trajectory has no frames.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):
@@ -345,7 +324,7 @@ def assembly(shown: Assembly) -> Figure:
     factor, unit = axis_unit("m", *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
     low, high = shapes.limits
-    view = _projection(shapes)
+    view = (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
     labels, left_out = _labels(shown, lambda place: factor * view(place), float(max(high - low)))
     every = np.array([label.place for label in labels] or [low])
     low, high = np.minimum(low, every.min(axis=0)), np.maximum(high, every.max(axis=0))
@@ -380,12 +359,6 @@ def assembly(shown: Assembly) -> Figure:
     figure.canvas.draw()
     _place_labels(axes, names, labels, shapes)
     return figure
-
-
-def _projection(shapes: Shapes):
-    """Return what takes a place in space or in the plane onto the picture."""
-
-    return (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
 
 
 def _labels(shown: Assembly, placed, size: float) -> tuple[list[_Label], int]:

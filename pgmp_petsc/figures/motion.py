@@ -19,8 +19,7 @@ from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
 from pgmp_petsc.mesh import reference_element as reference
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.modes import ModeShape
-from pgmp_petsc.results.trajectory import BodyField, truncated
+from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
 from pgmp_petsc.runtime.errors import InputError
 
 # by the beginning of a kind's name: edges, then faces or, in the plane, the cell itself, by their corners
@@ -153,63 +152,32 @@ WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacemen
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Surface or lines drawn of a body.
+    """Surface or lines drawn of a body."""
 
-    Attributes
-    ----------
-    name
-        Of the body.
-    points
-        Where its nodes are drawn, shape (n_f, n_nodes, 3), m.
-    triangles, edges
-        Of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and edges are their
-        lines. A point mass has neither.
-    radius
-        Of beams, m; 0 where it is not known.
-    values
-        What colours it, shape (n_f, n_nodes); None where that is not known.
-    rigid
-        Whether it does not deform.
-    """
-
-    name: str
-    points: np.ndarray
+    name: str  # of the body
+    points: np.ndarray  # where its nodes are drawn, shape (n_f, n_nodes, 3), m
+    #: triangles, edges: of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and
+    #: edges are their lines. A point mass has neither.
     triangles: np.ndarray
     edges: np.ndarray
-    radius: float
-    values: np.ndarray | None
-    rigid: bool
+    radius: float  # of beams, m; 0 where it is not known
+    values: np.ndarray | None  # what colours it, shape (n_f, n_nodes); None where that is not known
+    rigid: bool  # whether it does not deform
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Bodies at some instants.
+    """Bodies at some instants."""
 
-    Attributes
-    ----------
-    skins
-        Of the bodies.
-    captions
-        What is written beside each instant.
-    title, notes
-        Above all of them.
-    quantity
-        What colours bodies, with its unit; empty where nothing does.
-    largest
-        The largest value of the colours, in the unit.
-    scale
-        Of the deformation.
-    peak
-        Number of the instant at which the largest value is reached, the last one where there are no colours.
-    """
-
-    skins: tuple[Skin, ...]
-    captions: list[str]
+    skins: tuple[Skin, ...]  # of the bodies
+    captions: list[str]  # what is written beside each instant
+    #: title, notes: above all of them
     title: str
     notes: list[str] = field(default_factory=list)
-    quantity: str = ""
-    largest: float = 0.0
-    scale: float = 1.0
+    quantity: str = ""  # what colours bodies, with its unit; empty where nothing does
+    largest: float = 0.0  # the largest value of the colours, in the unit
+    scale: float = 1.0  # of the deformation
+    #: number of the instant at which the largest value is reached, the last one where there are no colours
     peak: int = -1
 
     @property
@@ -240,6 +208,8 @@ class Motion:
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
     """Return what is drawn of a run.
 
+    Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
+
     Parameters
     ----------
     colour
@@ -248,11 +218,6 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         Factor on the deformation; None for one that shows it.
     label
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the run has no frames, or nothing of it is known in the colour.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -291,17 +256,14 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
+    Raises `InputError` if nothing of it is known in the colour.
+
     Parameters
     ----------
     colour
         One of `WORDS`.
     scale
         Its largest displacement over that of a picture nobody asks another one of.
-
-    Raises
-    ------
-    InputError
-        If nothing of it is known in the colour.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)

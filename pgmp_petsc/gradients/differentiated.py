@@ -35,7 +35,7 @@ what outputs make of them and of the rigid kinematics is differentiated along th
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
 for (`RigidKinematics.near`). Stresses and rates have central differences along the whole line. Where outputs are
 polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
-dL_p/dl y_p``. """
+dL_p/dl y_p``."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.uses import velocity_names
-from pgmp_petsc.stepping.generalised_alpha import Attempt, Observer, Run, integrate, integrate_with_smaller_steps
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.stepping.status import Status
 
@@ -92,33 +92,6 @@ class DifferentiatedRun:
         return self.time[every], {name: values[every] for name, values in self.outputs.items()}
 
 
-class _Trail(Observer):
-    """Keeps all states of a run; see `Observer`."""
-
-    def __init__(self, pulse: Callable[[int], object]) -> None:
-        self._times: list[np.ndarray] = []
-        self._states: list[np.ndarray] = []
-        self._pulse = pulse
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Keep the state after a step."""
-        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps."""
-        self._keep(times, trail, times.size)
-
-    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
-        self._times.append(times.copy())
-        self._states.append(trail.copy())
-        self._pulse(n_steps)
-
-    def of_sample(self, sample: int) -> tuple[np.ndarray, State]:
-        """Return the instants (n_t,) and the states of one sample, arrays of shape (n_t, n_eta)."""
-        states = np.concatenate([trail[:, :, sample] for trail in self._states])
-        return np.concatenate(self._times), State(*(states[:, part].copy() for part in range(3)), np.zeros(0))
-
-
 def differentiate(
     model: ReducedModel | LengthLanes,
     values: Mapping[str, float],
@@ -148,13 +121,13 @@ def differentiate(
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
     of_sample = {name: np.array([value]) for name, value in values.items()}
-    kept: list[tuple[Attempt, Run, _Trail]] = []
+    kept: list[tuple[Attempt, Run, StateRecord]] = []
 
     def once(attempt: Attempt) -> Run:
         system = model.batch(of_sample, 1)
         if system.settled is not None:
             system.settled.require()
-        trail = _Trail(pulse)
+        trail = StateRecord(pulse)
         done = integrate(system, attempt.simulation, observer=trail)
         kept[:] = [(attempt, done, trail)]
         return done
@@ -164,7 +137,7 @@ def differentiate(
     status = Status(done.status[0])
     if status != Status.FINE:
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
-    times, states = trail.of_sample(0)
+    times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     contacts = Contacts(model, values, linearisation, times, states)
     changes = _propagated(model, linearisation, contacts, times, states)

@@ -116,17 +116,20 @@ class LoopClosure:
     def _scaled_gap(self, residual: np.ndarray) -> np.ndarray:
         return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
-    def close(self, poses: np.ndarray, theta: np.ndarray, placed: bool = False) -> np.ndarray:
+    def close(
+        self, poses: np.ndarray, theta: np.ndarray, placed: bool = False, tolerance: float = CLOSURE_TOLERANCE
+    ) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
-        bodies as `placed`.
+        bodies as `placed`, down to a tolerance of the scaled residual.
 
         Raises
         ------
         InputError
             Where it does not converge.
         """
-        closed, gap = self.newton(poses, theta)
-        self.require_closed(poses, theta, gap, placed)
+        closed, gap = self.newton(poses, theta, tolerance)
+        if not np.all(gap < tolerance):
+            self.require_closed(poses, theta, gap, placed)
         return closed
 
     def require_closed(self, poses: np.ndarray, theta: np.ndarray, gap: np.ndarray, placed: bool = False) -> None:
@@ -219,8 +222,10 @@ class LoopClosure:
         jacobian = self.jacobian(poses)[:, : len(residual)]
         return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
 
-    def newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses as from `close` and the largest scaled residual (n,) of each, below `CLOSURE_TOLERANCE` where it
+    def newton(
+        self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float = CLOSURE_TOLERANCE
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses as from `close` and the largest scaled residual (n,) of each, below the tolerance where it
         converged; undriven where no theta is given."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
         for _ in range(MAX_ITERATIONS):
@@ -228,7 +233,7 @@ class LoopClosure:
             residual = self.residual(poses, wanted)[:n_rows]
             gap = self._scaled_gap(residual)
             # each theta stops by itself, so that the others in the call have no part in its last digits
-            open_ones = (gap >= CLOSURE_TOLERANCE) & np.isfinite(gap)
+            open_ones = (gap >= tolerance) & np.isfinite(gap)
             if not open_ones.any():
                 break
             moving = poses[..., open_ones]
@@ -253,13 +258,15 @@ def described(mechanism: Mechanism, theta: np.ndarray) -> str:
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
 
-    Where J has full column rank that is R^-1 Q^T; the singular values, at ten times the cost, are for the rest.
+    Where J has full column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular
+    values, at ten times the cost, are for the rest.
     """
-    if jacobian.shape[1] >= jacobian.shape[2]:
-        q, r = np.linalg.qr(jacobian)
-        pivots = np.abs(np.diagonal(r, axis1=1, axis2=2))
+    n = jacobian.shape[2]
+    if jacobian.shape[1] >= n:
+        both = np.linalg.qr(np.concatenate([jacobian, right], axis=2), mode="r")
+        pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))
         if np.all(pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)):
-            return np.linalg.solve(r, np.swapaxes(q, 1, 2) @ right)
+            return np.linalg.solve(both[:, :n, :n], both[:, :n, n:])
     return np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ right
 
 

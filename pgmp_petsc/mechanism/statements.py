@@ -16,7 +16,7 @@ import numpy as np
 
 from pgmp_petsc.declare.expressions import kept
 from pgmp_petsc.mechanism.statement_kinds import Kind, print_kinds
-from pgmp_petsc.runtime.compiled import njit, source_mark
+from pgmp_petsc.runtime.compiled import njit, text_mark
 
 KINDS = (
     Kind("MEET", "dot(u, p_b - p_a)"),
@@ -29,8 +29,8 @@ KINDS = (
 )
 MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING = range(len(KINDS))
 U, V, W = range(3)  # rows of a statement's directions
-_MARKS = source_mark(__name__), source_mark("pgmp_petsc.runtime.lane_items")
-CODE = kept("statements", repr((_MARKS, KINDS)), Path(__file__), lambda: print_kinds(KINDS))
+_MARK = text_mark("pgmp_petsc.mechanism.statement_kinds", "pgmp_petsc.declare.expressions")
+CODE = kept("statements", repr((_MARK, KINDS)), Path(__file__), lambda: print_kinds(KINDS))
 evaluate = CODE.evaluate
 
 

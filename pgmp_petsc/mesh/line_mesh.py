@@ -26,23 +26,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LineMesh(Counted):
-    """Two-node line cells.
+    """Two-node line cells."""
 
-    Parameters
-    ----------
-    nodes : ndarray of float, shape (n_nodes, d)
-        Coordinates in the mesh's own frame (m).
-    cells : ndarray of int, shape (n_cells, 2)
-        The two nodes of each cell.
-    points : dict of str to int
-        The node of each named point.
-    groups : dict of str to int
-        Names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal.
-    """
-
-    nodes: np.ndarray
-    cells: np.ndarray
-    points: dict[str, int] = field(default_factory=dict)
+    nodes: np.ndarray  # coordinates in the mesh's own frame (m)
+    cells: np.ndarray  # the two nodes of each cell
+    points: dict[str, int] = field(default_factory=dict)  # the node of each named point
+    #: names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal
     groups: dict[str, int] = field(default_factory=dict)
 
     kind = "line"  # meshio's name of the cells
@@ -55,10 +44,7 @@ class LineMesh(Counted):
     def point(self, name: str, entry: str) -> int:
         """Return the node of the point `name`, or of that index: a decimal integer, from zero, that is no named point.
 
-        Raises
-        ------
-        InputError
-            If the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
+        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
         """
         if name in self.points:
             return self.points[name]
@@ -81,13 +67,9 @@ def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh
     """Read a line mesh from a file of one of meshio's formats, in the plane or (3) in space.
 
     Nodes that are on no line cell are dropped; the others keep the file's order. `entry` is the dotted name of the
-    scene's entry, for the messages.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or unreadable, holds cells that beams cannot use, leaves the plane z = 0 in two
-        dimensions, has cells of zero length or twice the same cell, or is not connected.
+    scene's entry, for the messages. Raises `InputError` if the file is missing or unreadable, holds cells that beams
+    cannot use, leaves the plane z = 0 in two dimensions, has cells of zero length or twice the same cell, or is not
+    connected.
     """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)

@@ -69,51 +69,27 @@ SOLID_KINDS = ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27")
 
 @dataclass(frozen=True, eq=False)
 class Quadrature:
-    """Shape functions at quadrature points.
+    """Shape functions at quadrature points."""
 
-    Attributes
-    ----------
-    weights
-        Shape (n_q,); their sum is the reference cell's volume.
-    values
-        Shape (n_q, n_nodes).
-    gradients
-        In reference coordinates, shape (n_q, d, n_nodes).
-    """
-
-    weights: np.ndarray
-    values: np.ndarray
-    gradients: np.ndarray
+    weights: np.ndarray  # shape (n_q,); their sum is the reference cell's volume
+    values: np.ndarray  # shape (n_q, n_nodes)
+    gradients: np.ndarray  # in reference coordinates, shape (n_q, d, n_nodes)
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceElement:
-    """An element on its reference cell.
+    """An element on its reference cell."""
 
-    Attributes
-    ----------
-    kind
-        meshio's name of the cell type.
-    dimension
-        Of the cell.
-    nodes
-        Reference coordinates of the nodes in meshio's order, shape (n_nodes, d).
-    stiffness, mass
-        Quadrature that is exact for the stiffness or the mass of undistorted cells.
-    faces
-        Local numbers of the nodes of every face, in the order of the face's type, normal outwards, shape (n_faces,
-        n_face_nodes).
-    face_kind
-        meshio's name of the faces' type; "" for lines.
-    """
-
-    kind: str
-    dimension: int
-    nodes: np.ndarray
+    kind: str  # meshio's name of the cell type
+    dimension: int  # of the cell
+    nodes: np.ndarray  # reference coordinates of the nodes in meshio's order, shape (n_nodes, d)
+    #: stiffness, mass: quadrature that is exact for the stiffness or the mass of undistorted cells
     stiffness: Quadrature
     mass: Quadrature
+    #: local numbers of the nodes of every face, in the order of the face's type, normal outwards, shape (n_faces,
+    #: n_face_nodes)
     faces: np.ndarray
-    face_kind: str
+    face_kind: str  # meshio's name of the faces' type; "" for lines
 
     @property
     def n_nodes(self) -> int:

@@ -20,31 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SolidMesh(Counted):
-    """Continuum cells of one kind, in the plane or in space.
+    """Continuum cells of one kind, in the plane or in space."""
 
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type, one of ``PLANE_KINDS`` or ``SOLID_KINDS`` of the reference elements.
-    nodes : ndarray of float, shape (n_nodes, d)
-        Coordinates in the mesh's own frame (m), d = 2 or 3.
-    cells : ndarray of int, shape (n_cells, n_cell_nodes)
-        The nodes of each cell in meshio's order.
-    groups : dict of str to ndarray of int, shape (n_faces, n_face_nodes)
-        The faces of each named group (edges in the plane); the nodes of a face are in the order of the reference
-        element's faces.
-    regions : dict of str to ndarray of int, shape (n,)
-        The cells of each named region, increasing.
-    small_groups : dict of str to int
-        Names that hold no face and no cell of the mesh, with the number of nodes they hold; kept to explain the
-        refusal.
-    """
-
-    kind: str
-    nodes: np.ndarray
-    cells: np.ndarray
+    kind: str  # meshio's name of the cell type, one of ``PLANE_KINDS`` or ``SOLID_KINDS`` of the reference elements
+    nodes: np.ndarray  # coordinates in the mesh's own frame (m), d = 2 or 3
+    cells: np.ndarray  # the nodes of each cell in meshio's order
+    #: the faces of each named group (edges in the plane); the nodes of a face are in the order of the reference
+    #: element's faces
     groups: dict[str, np.ndarray] = field(default_factory=dict)
-    regions: dict[str, np.ndarray] = field(default_factory=dict)
+    regions: dict[str, np.ndarray] = field(default_factory=dict)  # the cells of each named region, increasing
+    #: names that hold no face and no cell of the mesh, with the number of nodes they hold; kept to explain the refusal
     small_groups: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -55,10 +40,8 @@ class SolidMesh(Counted):
     def faces(self, name: str, entry: str) -> np.ndarray:
         """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
 
-        Raises
-        ------
-        InputError
-            If the name is unknown or holds no face; `entry` is the dotted name of the scene's entry that asks.
+        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
+        that asks.
         """
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 

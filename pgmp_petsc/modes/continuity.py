@@ -160,29 +160,17 @@ def _by_groups(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.n
 
 @dataclass(frozen=True, eq=False)
 class Revolution:
-    """A closed revolution.
+    """A closed revolution."""
 
-    Attributes
-    ----------
-    rotations
-        Such that the basis is continuous from the last sample to the first, but for the flipped coordinates, shape
-        (n, m, m).
-    closures
-        How each group was closed.
-    flipped
-        Coordinates with the opposite sign after a revolution, shape (n_flipped,).
-    """
-
+    #: such that the basis is continuous from the last sample to the first, but for the flipped coordinates, shape (n,
+    #: m, m)
     rotations: np.ndarray
-    closures: list[Closure]
-    flipped: np.ndarray
+    closures: list[Closure]  # how each group was closed
+    flipped: np.ndarray  # coordinates with the opposite sign after a revolution, shape (n_flipped,)
 
 
 def close_revolution(
-    rotations: np.ndarray,
-    last_overlap: np.ndarray,
-    groups: Sequence[np.ndarray],
-    beside: Revolution | None = None,
+    rotations: np.ndarray, last_overlap: np.ndarray, groups: Sequence[np.ndarray], beside: Revolution | None = None
 ) -> Revolution:
     """Take the holonomy back over the revolution.
 
@@ -213,28 +201,16 @@ def close_revolution(
 
 @dataclass(frozen=True)
 class Closure:
-    """How the transported basis of one group is closed over a revolution.
+    """How the transported basis of one group is closed over a revolution."""
 
-    Attributes
-    ----------
-    start
-        What the basis is multiplied with where the revolution begins, shape (m, m): the identity, or with a reflection
-        a frame in which the reflected direction is a coordinate.
-    frame
-        Orthogonal matrix whose columns span the planes that turn, in the basis after `start`, shape (m, m).
-    planes
-        Pairs of columns, shape (n_planes, 2).
-    angles
-        Angle that each plane has turned over the revolution, shape (n_planes,), rad.
-    flipped
-        Coordinate that comes back reflected, or -1.
-    """
-
+    #: what the basis is multiplied with where the revolution begins, shape (m, m): the identity, or with a reflection a
+    #: frame in which the reflected direction is a coordinate
     start: np.ndarray
+    #: orthogonal matrix whose columns span the planes that turn, in the basis after `start`, shape (m, m)
     frame: np.ndarray
-    planes: np.ndarray
-    angles: np.ndarray
-    flipped: int
+    planes: np.ndarray  # pairs of columns, shape (n_planes, 2)
+    angles: np.ndarray  # angle that each plane has turned over the revolution, shape (n_planes,), rad
+    flipped: int  # coordinate that comes back reflected, or -1
 
     @classmethod
     def of(cls, holonomy: np.ndarray) -> Closure:
@@ -247,10 +223,7 @@ class Closure:
     def beside(cls, holonomy: np.ndarray, other: Closure) -> Closure:
         """Split a holonomy close to that of another closure, so that both take their turn back alike.
 
-        Raises
-        ------
-        RunError
-            If one of them contains a reflection and the other does not.
+        Raises `RunError` if one of them contains a reflection and the other does not.
         """
         signs = np.ones(len(holonomy))
         signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
@@ -312,24 +285,13 @@ LARGEST_TURN = 1.0  # spectral norm of the difference of neighbouring bases with
 
 @dataclass(frozen=True, eq=False)
 class GridNeighbours:
-    """The vectors of samples on a tensor grid, as their neighbours see them.
+    """The vectors of samples on a tensor grid, as their neighbours see them."""
 
-    Attributes
-    ----------
-    shape
-        Number of samples along each axis; n samples in all, the last axis running fastest.
-    periodic
-        Whether the first sample follows the last, for each axis.
-    eigenvalues
-        Ascending, shape (n, n_modes).
-    overlaps
-        ``V_k^T M V_before`` with the sample before along each axis, shape (n_axes, n, m, m); of the first sample of an
-        axis that is not periodic it has no meaning.
-    """
-
-    shape: tuple[int, ...]
-    periodic: tuple[bool, ...]
-    eigenvalues: np.ndarray
+    shape: tuple[int, ...]  # number of samples along each axis; n samples in all, the last axis running fastest
+    periodic: tuple[bool, ...]  # whether the first sample follows the last, for each axis
+    eigenvalues: np.ndarray  # ascending, shape (n, n_modes)
+    #: ``V_k^T M V_before`` with the sample before along each axis, shape (n_axes, n, m, m); of the first sample of an
+    #: axis that is not periodic it has no meaning
     overlaps: np.ndarray
 
     def along(self, axis: int) -> np.ndarray:
@@ -351,23 +313,12 @@ class GridNeighbours:
 
 @dataclass(frozen=True, eq=False)
 class GridBasis:
-    """Rotations that make the vectors continuous.
+    """Rotations that make the vectors continuous."""
 
-    Attributes
-    ----------
-    groups
-        As from `group_modes`.
-    rotations
-        ``V_continuous = V Q``, shape (n, m, m).
-    flipped
-        Whether a vector changes its sign after a revolution of each axis, shape (n_axes, m).
-    cosines
-        Cosine of the largest angle of any group to a sample before, shape (n,); 1 where there is none.
-    """
-
-    groups: list[np.ndarray]
-    rotations: np.ndarray
-    flipped: np.ndarray
+    groups: list[np.ndarray]  # as from `group_modes`
+    rotations: np.ndarray  # ``V_continuous = V Q``, shape (n, m, m)
+    flipped: np.ndarray  # whether a vector changes its sign after a revolution of each axis, shape (n_axes, m)
+    #: cosine of the largest angle of any group to a sample before, shape (n,); 1 where there is none
     cosines: np.ndarray
 
     @classmethod
@@ -377,12 +328,8 @@ class GridBasis:
         Over two coordinates two modes may meet at a single configuration (a conical intersection) that no sample is
         near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
         turn away from each other, the group is joined with the one that it mixes with most: their common space is
-        continuous.
-
-        Raises
-        ------
-        RunError
-            If neighbouring lines do not stay together even so; told is whether the modes alone would.
+        continuous. Raises `RunError` if neighbouring lines do not stay together even so; told is whether the modes
+        alone would.
         """
         try:
             return cls._followed(samples, start)
@@ -464,10 +411,7 @@ def _torn_groups(
 def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
     """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
 
-    Raises
-    ------
-    RunError
-        If there is no other group.
+    Raises `RunError` if there is no other group.
     """
     if len(groups) == 1:
         raise RunError(

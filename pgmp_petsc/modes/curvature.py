@@ -62,17 +62,10 @@ STIFF = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them.
+    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them."""
 
-    Attributes
-    ----------
-    chi
-        Second derivatives of the displacement in body frames, shape (n_local, n_pairs).
-    third
-        ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs).
-    """
-
-    chi: np.ndarray
+    chi: np.ndarray  # second derivatives of the displacement in body frames, shape (n_local, n_pairs)
+    #: ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs)
     third: dict[Monomial, np.ndarray]
 
 
@@ -98,6 +91,8 @@ class CurvatureProblem:
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
         """Compute the curvature of the vectors of a basis.
 
+        Raises `RunError` if the refinement of an answer does not converge.
+
         Parameters
         ----------
         modes
@@ -107,11 +102,6 @@ class CurvatureProblem:
         answered
             The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
             known (joints then take of its elastic forces what they can), shape (n_local, m).
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
         """
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
@@ -140,12 +130,8 @@ class CurvatureProblem:
 
             psi_k.K3[u] psi_k + mu.c''[psi_k, psi_k] + 2 mu_k.c''[u, psi_k] = - f.chi_kk,
 
-        so that h is ``-chi_kk``, chi deflated of the rigid motion alone.
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
+        so that h is ``-chi_kk``, chi deflated of the rigid motion alone. Raises `RunError` if the refinement of an
+        answer does not converge.
         """
         problem, flexible = self._problem, modes.flexible
         each = (np.arange(flexible.shape[1]),) * 2

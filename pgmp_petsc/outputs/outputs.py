@@ -27,37 +27,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OutputSet:
-    """The outputs of a scene.
+    """The outputs of a scene."""
 
-    Attributes
-    ----------
-    nodes
-        Global node numbers whose frames are needed, increasing.
-    units
-        Unit of every output.
-    n_frame
-        Numbers of a frame: 3 in the plane, in space 12 and the coordinates.
-    functions
-        What is read of frames; None of a stress.
-    stresses
-        Stress outputs, in the order in which models observe them.
-    reached
-        From frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
-        everywhere: none is a deformation, or every coordinate is periodic.
-    rigid
-        The rigid mechanism that deformations are taken from; None where there are none.
-    n_rates
-        How many numbers of a frame have rates that outputs read, 0 where none does.
-    """
-
-    nodes: tuple[int, ...]
-    units: dict[str, str]
-    n_frame: int
-    functions: dict[str, Reading | None]
-    stresses: tuple[StressOutput, ...] = ()
+    nodes: tuple[int, ...]  # global node numbers whose frames are needed, increasing
+    units: dict[str, str]  # unit of every output
+    n_frame: int  # numbers of a frame: 3 in the plane, in space 12 and the coordinates
+    functions: dict[str, Reading | None]  # what is read of frames; None of a stress
+    stresses: tuple[StressOutput, ...] = ()  # stress outputs, in the order in which models observe them
+    #: from frames to where the coordinates are within their ranges, shape (n,); None where all outputs are known
+    #: everywhere: none is a deformation, or every coordinate is periodic
     reached: Callable[[Frames], np.ndarray] | None = None
+    #: the rigid mechanism that deformations are taken from; None where there are none
     rigid: RigidReference | None = None
-    n_rates: int = 0
+    n_rates: int = 0  # how many numbers of a frame have rates that outputs read, 0 where none does
 
     def observed(self, frames: np.ndarray, stresses: np.ndarray, rates: np.ndarray | None = None) -> np.ndarray:
         """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n), stresses
@@ -102,16 +84,13 @@ class OutputSet:
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
         """Prepare the outputs of a scene.
 
+        Raises `InputError` if an output names a point that the mesh does not have, or a stress that is not known there.
+
         Parameters
         ----------
         start
             Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not
             prescribed.
-
-        Raises
-        ------
-        InputError
-            If an output names a point that the mesh does not have, or a stress that is not known there.
         """
         if start is None:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])

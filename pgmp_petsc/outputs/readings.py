@@ -30,41 +30,21 @@ Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A number that is read of frames.
+    """A number that is read of frames."""
 
-    Attributes
-    ----------
-    kind
-        ``MEASURE`` of a statement, ``POSITION`` of a point along an axis, ``ROTATION`` of its node in the plane, or
-        ``DEFORMATION``: the position from that in the rigid mechanism.
-    sides
-        The attachments: two of a statement, else the point.
-    statement
-        Of a measure.
-    space
-        Of the mechanism.
-    turns
-        What an angle in space is near to; None of other readings.
-    axis, origin
-        Of a position: its number, and what counts as zero, m.
-    in_body
-        Whether the axis of a deformation is one of the body.
-    of_coordinates
-        Nodes that the rigid mechanism of a deformation is measured at.
-    rate
-        Whether it is how fast the number changes.
-    """
-
+    #: ``MEASURE`` of a statement, ``POSITION`` of a point along an axis, ``ROTATION`` of its node in the plane, or
+    #: ``DEFORMATION``: the position from that in the rigid mechanism
     kind: Literal["MEASURE", "POSITION", "ROTATION", "DEFORMATION"]
-    sides: tuple[Attachment, ...]
-    statement: Statement | None = None
-    space: Space = SPATIAL
-    turns: JointTurns | None = None
+    sides: tuple[Attachment, ...]  # the attachments: two of a statement, else the point
+    statement: Statement | None = None  # of a measure
+    space: Space = SPATIAL  # of the mechanism
+    turns: JointTurns | None = None  # what an angle in space is near to; None of other readings
+    #: axis, origin: of a position: its number, and what counts as zero, m
     axis: int = 0
     origin: float = 0.0
-    in_body: bool = False
-    of_coordinates: frozenset[int] = frozenset()
-    rate: bool = False
+    in_body: bool = False  # whether the axis of a deformation is one of the body
+    of_coordinates: frozenset[int] = frozenset()  # nodes that the rigid mechanism of a deformation is measured at
+    rate: bool = False  # whether it is how fast the number changes
 
     @classmethod
     def of_angle(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None) -> Self:
@@ -96,7 +76,13 @@ class Reading:
         """Return the number, shape (n,), for frames, poses of the rigid mechanism (n_bodies, n_pose, n), and rates of
         frames."""
         if self.rate:
-            return self._rate(frames, rates)
+            if self.kind == "ROTATION":
+                return rates[self.sides[0].node][2]
+            moving = [self._moving(side, frames, rates) for side in self.sides]
+            if self.kind == "POSITION":
+                return moving[0][1][self.axis]
+            gradient = self.statement.gradient(*(z for z, _ in moving))
+            return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
         if self.kind == "MEASURE":
             return self._measure(frames)
         (point,) = self.sides
@@ -120,15 +106,6 @@ class Reading:
             return self.space.angle(self.statement, *sides, near)
         return self.statement.value(*map(self.space.natural, sides))
 
-    def _rate(self, frames: Frames, rates: Frames) -> np.ndarray:
-        if self.kind == "ROTATION":
-            return rates[self.sides[0].node][2]
-        moving = [self._moving(side, frames, rates) for side in self.sides]
-        if self.kind == "POSITION":
-            return moving[0][1][self.axis]
-        gradient = self.statement.gradient(*(z for z, _ in moving))
-        return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
-
     def _moving(self, side: Attachment, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Return position and directors of an attachment, and their rates, both (n_natural, n)."""
         d = self.space.dimension
@@ -145,11 +122,6 @@ class Reading:
 
 class RigidReference:
     """The rigid mechanism at the coordinates that joints of the flexible one have.
-
-    Parameters
-    ----------
-    kinematics
-        Of the mechanism.
 
     Attributes
     ----------

@@ -28,28 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StressOutput:
-    """One stress output.
+    """One stress output."""
 
-    Attributes
-    ----------
-    name, entry
-        In the scene.
-    body
-        Number of the body.
-    points
-        Where strains are taken.
-    law
-        What makes the quantity of them.
-    size
-        The quantity for a strain of 1: what is small beside it by the round-off of strains is nothing.
-    """
-
+    #: name, entry: in the scene
     name: str
     entry: Stress
-    body: int
-    points: Strains
-    law: SolidLaw | BeamLaw
-    size: float
+    body: int  # number of the body
+    points: Strains  # where strains are taken
+    law: SolidLaw | BeamLaw  # what makes the quantity of them
+    size: float  # the quantity for a strain of 1: what is small beside it by the round-off of strains is nothing
 
     @property
     def unit(self) -> str:
@@ -72,17 +59,15 @@ class StressOutput:
     def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:
         """Prepare an output of a scene.
 
+        Raises `InputError` if the place is not on the body's mesh, or the body was condensed without what stresses
+        need.
+
         Parameters
         ----------
         name
             In the scene.
         number, body
             The body that the output names, with its number.
-
-        Raises
-        ------
-        InputError
-            If the place is not on the body's mesh, or the body was condensed without what stresses need.
         """
         entry, stresses = scene.outputs[name], body.stresses(scene)
         if stresses is None or not body.answered:
@@ -97,10 +82,7 @@ class StressOutput:
 def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> None:
     """Refuse stress outputs at places that their body's mesh has not, before anything is computed.
 
-    Raises
-    ------
-    InputError
-        Naming the entry, what came, and what is there.
+    Raises `InputError`, naming the entry, what came, and what is there.
     """
     if stressed_bodies(scene):
         bodies = {body.name: body for body in bodies_of(scene, meshes)}
@@ -130,14 +112,9 @@ def _points(name: str, entry: Stress, stresses: BodyStresses) -> Strains:
 
 @dataclass(frozen=True)
 class Extreme:
-    """Which of several values an output reports.
+    """Which of several values an output reports."""
 
-    Attributes
-    ----------
-    of
-        From values (n_points, n) to the place of the one that is reported, shape (n,).
-    """
-
+    #: from values (n_points, n) to the place of the one that is reported, shape (n,)
     of: Callable[[np.ndarray], np.ndarray]
 
     def __call__(self, values: np.ndarray) -> np.ndarray:

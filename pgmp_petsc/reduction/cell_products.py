@@ -188,21 +188,11 @@ def _multiply(rows, table, weights, factors, products):
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderTables:
-    """Tables at n samples, symmetric in the flexible indices.
+    """Tables at n samples, symmetric in the flexible indices."""
 
-    Attributes
-    ----------
-    cubic
-        Shape (n, n_stiffness_terms, n_delta, n_delta, n_delta).
-    curved_load
-        Shape (n, n_load_terms, n_delta, n_delta).
-    curved_inertia
-        Shape (n, n_mass_terms, n_theta (n_theta + 1) / 2, n_delta, n_delta).
-    """
-
-    cubic: np.ndarray
-    curved_load: np.ndarray
-    curved_inertia: np.ndarray
+    cubic: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta, n_delta)
+    curved_load: np.ndarray  # shape (n, n_load_terms, n_delta, n_delta)
+    curved_inertia: np.ndarray  # shape (n, n_mass_terms, n_theta (n_theta + 1) / 2, n_delta, n_delta)
 
     def at(self, rows: np.ndarray) -> SecondOrderTables:
         """Return the tables at some of the samples, given by their numbers."""

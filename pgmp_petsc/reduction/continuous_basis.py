@@ -43,30 +43,14 @@ from pgmp_petsc.runtime.groups import RankGroup
 
 @dataclass(frozen=True, eq=False)
 class JoinedSamples:
-    """All samples in order, and what makes them continuous.
+    """All samples in order, and what makes them continuous."""
 
-    Attributes
-    ----------
-    tables
-        `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases.
-    shapes
-        Flexible vectors, all rows, shape (n, n_dofs, w): kept ones and snapshots.
-    rotations
-        ``V_continuous = V Q``, shape (n, w, w).
-    cosines
-        Cosine of the largest angle of a group of modes to a sample before, shape (n,).
-    flipped
-        Whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, w).
-    groups
-        Numbers of the kept vectors of each group.
-    """
-
-    tables: dict[str, np.ndarray]
-    shapes: np.ndarray
-    rotations: np.ndarray
-    cosines: np.ndarray
-    flipped: np.ndarray
-    groups: list[np.ndarray]
+    tables: dict[str, np.ndarray]  # `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases
+    shapes: np.ndarray  # flexible vectors, all rows, shape (n, n_dofs, w): kept ones and snapshots
+    rotations: np.ndarray  # ``V_continuous = V Q``, shape (n, w, w)
+    cosines: np.ndarray  # cosine of the largest angle of a group of modes to a sample before, shape (n,)
+    flipped: np.ndarray  # whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, w)
+    groups: list[np.ndarray]  # numbers of the kept vectors of each group
 
     @property
     def n_kept(self) -> int:
@@ -78,6 +62,8 @@ def join_samples(
     group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
 ) -> JoinedSamples | None:
     """Join the samples. Collective on ``group.world``.
+
+    Raises `RunError` if the modes cannot be made continuous (first rank).
 
     Parameters
     ----------
@@ -92,11 +78,6 @@ def join_samples(
     -------
     JoinedSamples or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    RunError
-        If the modes cannot be made continuous (first rank).
     """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, own[k].shape) for k in sorted(own)}
@@ -231,32 +212,18 @@ class SampleStore:
 
 @dataclass(frozen=True, eq=False)
 class ContinuousBasis:
-    """Tables and vectors over all samples; over two turns of a rigid coordinate where a vector changes sign after one.
+    """Tables and vectors over all samples; over two turns of a coordinate where a vector changes sign after one."""
 
-    Attributes
-    ----------
-    tables
-        In the continuous basis.
-    projection
-        The basis, shape (n, n_dofs, n_delta).
-    groups
-        Numbers of the vectors that turn among themselves.
-    combinations
-        The basis in terms of each sample's own vectors, one turn, shape (n_sampled, n_vectors, n_delta).
-    flipped
-        Whether a vector changes its sign after a turn of each rigid coordinate, shape (n_theta, n_delta).
-    curvature
-        Second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted.
-    uneven
-        Factor by which the size of a vector that was made orthonormal changes from one angle to the next, the largest.
-    """
-
-    tables: ReducedTables
-    projection: np.ndarray
-    groups: list[np.ndarray]
+    tables: ReducedTables  # in the continuous basis
+    projection: np.ndarray  # the basis, shape (n, n_dofs, n_delta)
+    groups: list[np.ndarray]  # numbers of the vectors that turn among themselves
+    #: the basis in terms of each sample's own vectors, one turn, shape (n_sampled, n_vectors, n_delta)
     combinations: np.ndarray
+    #: whether a vector changes its sign after a turn of each rigid coordinate, shape (n_theta, n_delta)
     flipped: np.ndarray
+    #: second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted
     curvature: np.ndarray | None = None
+    #: factor by which the size of a vector that was made orthonormal changes from one angle to the next, the largest
     uneven: float = 1.0
 
     @classmethod
@@ -321,10 +288,7 @@ def compression_of(
 ) -> Compression:
     """Return the compression of all samples' snapshots, at the nominal parameters.
 
-    Raises
-    ------
-    InputError
-        If the snapshots do not span so many vectors.
+    Raises `InputError` if the snapshots do not span so many vectors.
     """
     n_snapshots = joined.shapes.shape[2] - joined.n_kept
     if not n_parameter:

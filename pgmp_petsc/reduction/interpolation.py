@@ -39,18 +39,10 @@ COLUMNS = 4096  # of a table that are fitted together
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:
-    """A piecewise polynomial on a uniform tensor grid, cubic along each axis.
+    """A piecewise polynomial on a uniform tensor grid, cubic along each axis."""
 
-    Attributes
-    ----------
-    axes
-        Grid of every coordinate.
-    rows
-        Samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...).
-    """
-
-    axes: tuple[Axis, ...]
-    rows: np.ndarray
+    axes: tuple[Axis, ...]  # grid of every coordinate
+    rows: np.ndarray  # samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...)
 
     @property
     def n_theta(self) -> int:
@@ -147,10 +139,7 @@ def _add_rows(theta, axes, derivative, table, result):
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:
     """Interpolate a table of shape (n, ...) given at the samples of a grid, or of one axis.
 
-    Raises
-    ------
-    ValueError
-        If the scheme does not take such samples.
+    Raises `ValueError` if the scheme does not take such samples.
     """
     grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])

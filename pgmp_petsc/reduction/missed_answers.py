@@ -40,24 +40,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class MissedAnswers:
-    """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis.
+    """Tables over n configurations of the loads L of q vectors: the free rigid motions, then those of the basis."""
 
-    Attributes
-    ----------
-    weights
-        Monomials of the n_w terms of L.
-    dofs
-        Numbers of the unknowns whose answers are kept, increasing, shape (k,).
-    forces
-        ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q).
-    answers
-        ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
-        Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k).
-    """
-
-    weights: tuple[Monomial, ...]
-    dofs: np.ndarray
-    forces: np.ndarray
+    weights: tuple[Monomial, ...]  # monomials of the n_w terms of L
+    dofs: np.ndarray  # numbers of the unknowns whose answers are kept, increasing, shape (k,)
+    forces: np.ndarray  # ``[d rho/d theta, Psi]^T L_i``, shape (n, n_w, q, q)
+    #: ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
+    #: Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k)
     answers: np.ndarray
 
     def turned(self, rotations: np.ndarray) -> MissedAnswers:
@@ -125,6 +114,8 @@ def missed_answers_at(
     """Return the weights, the forces and the answers, local columns (n_w q + n_stiffness_terms m, n_local), of one
     configuration; see `MissedAnswers`. Collective on the problem's communicator.
 
+    Raises `RunError` if the refinement of an answer does not converge.
+
     Parameters
     ----------
     problem
@@ -133,11 +124,6 @@ def missed_answers_at(
         What static modes answer.
     theta, sample, combination
         As of `Manifold.at`.
-
-    Raises
-    ------
-    RunError
-        If the refinement of an answer does not converge.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination

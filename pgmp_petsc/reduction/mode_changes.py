@@ -41,18 +41,12 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 @dataclass(frozen=True, eq=False)
 class ModeChanges:
-    """Tables of changing modes at n samples.
+    """Tables of changing modes at n samples."""
 
-    Attributes
-    ----------
-    gyroscopic
-        Skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
-        the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
-    spread
-        Symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta).
-    """
-
+    #: skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
+    #: the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
     gyroscopic: np.ndarray
+    #: symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta)
     spread: np.ndarray
 
 
@@ -83,7 +77,11 @@ def mode_changes(
     gyroscopic, spread = np.empty((n, n_terms, r, m, m)), np.empty((n, n_terms, pairs[0].size, m, m))
     for sample in range(n):
         shape, changes = projection[sample], slopes[:, sample]
-        spins = _spins(kinematics, samples.theta[sample])
+        # W_k of every body, each of shape (n_theta, d, d)
+        theta = samples.theta[sample]
+        d = kinematics.mechanism.space.dimension
+        fields = kinematics.motion(theta).velocities[:, d:]
+        spins = [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
             m_spins = [_turned(bodies, weight, [own[k] for own in spins], shape) for k in range(r)]
@@ -95,13 +93,6 @@ def mode_changes(
                 crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
                 spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
-
-
-def _spins(kinematics: RigidKinematics, theta: np.ndarray) -> list[np.ndarray]:
-    """Return W_k of every body, each of shape (n_theta, d, d)."""
-    d = kinematics.mechanism.space.dimension
-    fields = kinematics.motion(theta).velocities[:, d:]
-    return [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
 
 
 def _turned(
@@ -120,18 +111,10 @@ def _turned(
 
 @dataclass(frozen=True, eq=False)
 class StiffnessChanges:
-    """Influences of all loads on the stiffness of the modes at the samples.
+    """Influences of all loads on the stiffness of the modes at the samples."""
 
-    Attributes
-    ----------
-    influence
-        Shape (n, n_modes, n_columns), modes in ascending order at every sample.
-    stiffness
-        ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes).
-    """
-
-    influence: np.ndarray
-    stiffness: np.ndarray
+    influence: np.ndarray  # shape (n, n_modes, n_columns), modes in ascending order at every sample
+    stiffness: np.ndarray  # ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes)
 
     def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
         """Append a second revolution of some coordinates, on which the influences are the same."""

@@ -17,7 +17,6 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rom_file import (
@@ -31,7 +30,7 @@ from pgmp_petsc.reduction.rom_file import (
     SecondOrderFile,
     StiffnessChangesFile,
 )
-from pgmp_petsc.reduction.sample_grid import ParameterPoints
+from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, shapes_of
@@ -48,58 +47,30 @@ OWN = ("n_redundant", "indefinite", "projection", "curvature", "frequencies_hz",
 
 @dataclass(frozen=True)
 class ReducedOrderModel:
-    """Reduced tables, the rigid motion, and what is needed to come back to the nodes.
+    """Reduced tables, the rigid motion, and what is needed to come back to the nodes."""
 
-    Attributes
-    ----------
-    tables
-        Reduced matrices and loads at the samples.
-    branch
-        Poses of the rigid mechanism over its range.
-    rigid_inertia
-        That of the rigid motion on the fine grid, as from `tables.rigid_inertia`.
-    projection
-        Flexible modes in body frames at the samples, shape (n, n_dofs, n_modes).
-    frequencies_hz
-        Full-order frequencies at the nominal parameters, shape (n_sampled, n_modes).
-    cosines
-        Cosine of the largest angle of any group of modes to the sample before, shape (n_sampled,).
-    meshes
-        The mesh of every body, or what it is condensed to.
-    n_redundant
-        Number of redundant constraints that were dropped.
-    record
-        Scene and circumstances of the build.
-    curvature
-        chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs i >= j in the
-        order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
-    points
-        Parameter points whose modes the basis takes up.
-    indefinite
-        Where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere.
-    stiffness_changes
-        How loads change the stiffness of the modes; None with continuum bodies.
-    missed
-        What the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where
-        no parameter changes them, or lengths are parameters.
-    family
-        Models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones.
-    """
-
-    tables: ReducedTables
-    branch: PoseBranch
-    rigid_inertia: np.ndarray
-    projection: np.ndarray
-    frequencies_hz: np.ndarray
-    cosines: np.ndarray
-    meshes: Mapping[str, LineMesh | Component]
-    n_redundant: int
-    record: RunRecord = field(repr=False)
+    tables: ReducedTables  # reduced matrices and loads at the samples
+    branch: PoseBranch  # poses of the rigid mechanism over its range
+    rigid_inertia: np.ndarray  # that of the rigid motion on the fine grid, as from `tables.rigid_inertia`
+    projection: np.ndarray  # flexible modes in body frames at the samples, shape (n, n_dofs, n_modes)
+    frequencies_hz: np.ndarray  # full-order frequencies at the nominal parameters, shape (n_sampled, n_modes)
+    cosines: np.ndarray  # cosine of the largest angle of any group of modes to the sample before, shape (n_sampled,)
+    meshes: Mapping[str, LineMesh | Component]  # the mesh of every body, or what it is condensed to
+    n_redundant: int  # number of redundant constraints that were dropped
+    record: RunRecord = field(repr=False)  # scene and circumstances of the build
+    #: chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs i >= j in the
+    #: order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it
     curvature: np.ndarray | None = None
+    #: parameter points whose modes the basis takes up
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
+    #: where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere
     indefinite: str = ""
+    #: how loads change the stiffness of the modes; None with continuum bodies
     stiffness_changes: StiffnessChanges | None = None
+    #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
+    #: parameter changes them, or lengths are parameters
     missed: MissedAnswers | None = None
+    #: models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -134,10 +105,7 @@ class ReducedOrderModel:
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run; itself where none is a parameter.
 
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed with these lengths.
+        Raises `InputError` if the mechanism cannot be closed with these lengths.
         """
         return self if self.family is None else self.family.at(scene, self)
 
@@ -170,10 +138,8 @@ class ReducedOrderModel:
     def read(cls, path: str | Path) -> ReducedOrderModel:
         """Read ROM.h5 (one process).
 
-        Raises
-        ------
-        InputError
-            If the file is missing, cut off, of another kind or version, or its tables do not fit together.
+        Raises `InputError` if the file is missing, cut off, of another kind or version, or its tables do not fit
+        together.
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)

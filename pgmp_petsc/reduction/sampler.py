@@ -29,32 +29,19 @@ class Sample:
 
     The kept vectors are the eigenmodes, ascending, and after them the static modes of the loads. Snapshots of every
     parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations.
-
-    Attributes
-    ----------
-    eigenvalues
-        Full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2.
-    mass, inertia, stiffness, load
-        As in `ReducedTables`, at this configuration.
-    canonical
-        Rotation that fixes the signs of the kept vectors by itself, shape (n_kept, n_kept).
-    shape
-        Flexible vectors V in body frames, local rows, shape (n_local, n_kept + n_snapshots).
-    mass_kept
-        M times the kept vectors, local rows, shape (n_local, n_kept).
-    influence
-        Of loads on the stiffness of the eigenmodes (`stiffness_changes`), shape (n_modes, n_columns); without columns
-        where it is not wanted.
     """
 
-    eigenvalues: np.ndarray
+    eigenvalues: np.ndarray  # full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2
+    #: mass, inertia, stiffness, load: as in `ReducedTables`, at this configuration
     mass: np.ndarray
     inertia: np.ndarray
     stiffness: np.ndarray
     load: np.ndarray
-    canonical: np.ndarray
-    shape: np.ndarray
-    mass_kept: np.ndarray
+    canonical: np.ndarray  # rotation that fixes the signs of the kept vectors by itself, shape (n_kept, n_kept)
+    shape: np.ndarray  # flexible vectors V in body frames, local rows, shape (n_local, n_kept + n_snapshots)
+    mass_kept: np.ndarray  # m times the kept vectors, local rows, shape (n_local, n_kept)
+    #: of loads on the stiffness of the eigenmodes (`stiffness_changes`), shape (n_modes, n_columns); without columns
+    #: where it is not wanted
     influence: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
@@ -111,10 +98,7 @@ class Sampler:
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
         """Sample one configuration (n_theta,), rad.
 
-        Raises
-        ------
-        RunError
-            If the eigensolver fails; see `ModalProblem.solve`.
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
         """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))

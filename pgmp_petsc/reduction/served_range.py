@@ -32,18 +32,12 @@ CURE = "build with distributions, or bounds, that hold them (pgmp build SCENE)"
 
 @dataclass(frozen=True)
 class Served:
-    """Values of a parameter that a reduced model serves.
+    """Values of a parameter that a reduced model serves."""
 
-    Attributes
-    ----------
-    low, high
-        Ends of the range that is served without a warning.
-    least, most
-        Ends beyond which it is refused.
-    """
-
+    #: low, high: ends of the range that is served without a warning
     low: float
     high: float
+    #: least, most: ends beyond which it is refused
     least: float
     most: float
 
@@ -68,8 +62,6 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     ----------
     built
         The scene that it was built from.
-    rom
-        The reduced model.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
@@ -91,10 +83,7 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
 def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ...]:
     """Return warnings of values of a single run, and of distributions, outside what is served.
 
-    Raises
-    ------
-    InputError
-        If a value, or the greater part of a distribution, is beyond what is served.
+    Raises `InputError` if a value, or the greater part of a distribution, is beyond what is served.
     """
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
@@ -102,10 +91,7 @@ def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ..
 def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
     """Refuse samples beyond what is served; parameters as of `outside_of`.
 
-    Raises
-    ------
-    InputError
-        Naming the first of them.
+    Raises `InputError`, naming the first of them.
     """
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))

@@ -25,39 +25,29 @@ PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
 
 @dataclass(frozen=True, eq=False)
 class StaticLoads:
-    """Load patterns of the effects, and the inertia forces of the rigid motion.
+    """Load patterns of the effects, and the inertia forces of the rigid motion."""
 
-    Attributes
-    ----------
-    patterns
-        Independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
-        n_patterns).
-    turning
-        Forces of actions that turn with the configuration, a further load each; of several that are parallel
-        everywhere the first.
-    accelerations
-        Numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
-        loads, shape (n_inertia,).
-    """
-
+    #: independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
+    #: n_patterns)
     patterns: np.ndarray
+    #: forces of actions that turn with the configuration, a further load each; of several that are parallel everywhere
+    #: the first
     turning: UnitForces
+    #: numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
+    #: loads, shape (n_inertia,)
     accelerations: np.ndarray
 
     @classmethod
     def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
         """Return the loads that a scene asks for, those that depend on others left out; the problem is moved.
 
+        Raises `InputError` if the mesh has too few degrees of freedom for the whole basis.
+
         Parameters
         ----------
         patterns
             Load patterns of the effects; all are used where static modes are wanted, and those of linear springs where
             nothing is said against them.
-
-        Raises
-        ------
-        InputError
-            If the mesh has too few degrees of freedom for the whole basis.
         """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)

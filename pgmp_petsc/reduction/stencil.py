@@ -19,25 +19,14 @@ OVERHAUSER, B_SPLINE = 0, 1
 
 
 class Axis(NamedTuple):
-    """Uniform grid of one coordinate, as the kernels take it.
+    """Uniform grid of one coordinate, as the kernels take it."""
 
-    Attributes
-    ----------
-    lower, step
-        The first point, and the distance of points, rad.
-    n
-        Number of points.
-    periodic
-        Whether the last cell ends at the first point.
-    basis
-        ``OVERHAUSER`` (the table has n rows) or ``B_SPLINE`` (n rows if periodic, else n + 2).
-    """
-
+    #: lower, step: the first point, and the distance of points, rad
     lower: float
     step: float
-    n: int
-    periodic: bool
-    basis: int
+    n: int  # number of points
+    periodic: bool  # whether the last cell ends at the first point
+    basis: int  # ``OVERHAUSER`` (the table has n rows) or ``B_SPLINE`` (n rows if periodic, else n + 2)
 
     @property
     def n_cells(self) -> int:
@@ -59,8 +48,6 @@ def stencil(theta, axis, rows, weights, slopes):
     ----------
     theta
         Coordinate, rad; inside the range if the grid is not periodic.
-    axis
-        The grid.
     rows, weights, slopes
         Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
     """

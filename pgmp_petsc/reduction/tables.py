@@ -34,41 +34,22 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 
 @dataclass(frozen=True)
 class ReducedTables:
-    """Reduced matrices and loads at the samples.
+    """Reduced matrices and loads at the samples."""
 
-    Attributes
-    ----------
-    samples
-        Sampled configurations, n of them; the last coordinate runs fastest.
-    mass_weights, stiffness_weights, load_weights
-        Monomials of the affine terms.
-    load_effects
-        Name of the effect of every load term.
-    mass
-        Shape (n, n_mass_terms, n_eta, n_eta).
-    inertia
-        Shape (n, n_mass_terms, n_theta, n_theta, n_delta).
-    stiffness
-        Shape (n, n_stiffness_terms, n_delta, n_delta).
-    load
-        Shape (n, n_load_terms, n_eta).
-    second_order
-        Tables of second order in the flexible coordinates, None where the scene does not ask for them.
-    changes
-        Kinetic energy of the modes' change with theta, which comes with them. It is known once the whole basis is
-        continuous; what makes other tables of these leaves it out.
-    """
-
-    samples: SampleGrid
+    samples: SampleGrid  # sampled configurations, n of them; the last coordinate runs fastest
+    #: mass_weights, stiffness_weights, load_weights: monomials of the affine terms
     mass_weights: tuple[Monomial, ...]
     stiffness_weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
-    load_effects: tuple[str, ...]
-    mass: np.ndarray
-    inertia: np.ndarray
-    stiffness: np.ndarray
-    load: np.ndarray
+    load_effects: tuple[str, ...]  # name of the effect of every load term
+    mass: np.ndarray  # shape (n, n_mass_terms, n_eta, n_eta)
+    inertia: np.ndarray  # shape (n, n_mass_terms, n_theta, n_theta, n_delta)
+    stiffness: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta)
+    load: np.ndarray  # shape (n, n_load_terms, n_eta)
+    #: tables of second order in the flexible coordinates, None where the scene does not ask for them
     second_order: SecondOrderTables | None = None
+    #: kinetic energy of the modes' change with theta, which comes with them. It is known once the whole basis is
+    #: continuous; what makes other tables of these leaves it out.
     changes: ModeChanges | None = None
 
     @property

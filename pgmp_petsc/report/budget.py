@@ -42,55 +42,26 @@ PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the budget.
+    """A line of the budget."""
 
-    Attributes
-    ----------
-    what
-        Source of error.
-    size
-        How large it is; empty where that is not known.
-    how
-        How it is known, or what would tell.
-    """
-
-    what: str
-    size: Sentence
-    how: str
+    what: str  # source of error
+    size: Sentence  # how large it is; empty where that is not known
+    how: str  # how it is known, or what would tell
 
 
 @dataclass(frozen=True)
 class ModelError:
-    """How far reduced outputs are from those of a better model.
+    """How far reduced outputs are from those of a better model."""
 
-    Attributes
-    ----------
-    shares
-        Of every output, as a share of its largest value; NaN where it is not known.
-    how
-        How it is known.
-    datums
-        The same as figures of the page.
-    with_step
-        The estimate that knows of the time step too, where this error does not; None otherwise.
-    at_end
-        As `shares`, at the end of the run alone.
-    doubt
-        So many times as large are no more than 5 % of errors.
-    absent
-        Why outputs have no estimate, those that have none.
-    whole
-        Whether it is of the whole run, and not of a part, beyond which it may be of any size.
-    """
-
-    shares: dict[str, float]
-    how: str
-    datums: dict[str, Datum]
+    shares: dict[str, float]  # of every output, as a share of its largest value; NaN where it is not known
+    how: str  # how it is known
+    datums: dict[str, Datum]  # the same as figures of the page
+    #: the estimate that knows of the time step too, where this error does not; None otherwise
     with_step: ModelError | None = None
-    at_end: dict[str, float] = field(default_factory=dict)
-    doubt: float = 1.0
-    absent: Mapping[str, str] = field(default_factory=dict)
-    whole: bool = True
+    at_end: dict[str, float] = field(default_factory=dict)  # as `shares`, at the end of the run alone
+    doubt: float = 1.0  # so many times as large are no more than 5 % of errors
+    absent: Mapping[str, str] = field(default_factory=dict)  # why outputs have no estimate, those that have none
+    whole: bool = True  # whether it is of the whole run, and not of a part, beyond which it may be of any size
 
     @property
     def worst(self) -> str | None:

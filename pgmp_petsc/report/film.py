@@ -40,41 +40,21 @@ MESHED = ("solid2d", "solid3d")
 
 @dataclass(frozen=True, eq=False)
 class FilmBody:
-    """A body as the film draws it.
+    """A body as the film draws it."""
 
-    Attributes
-    ----------
-    name
-        Of the body.
-    kind
-        ``flexible``, ``rigid`` or ``mass``.
-    nodes
-        Undeformed, in the body's frame, shape (n, d), m.
-    points
-        Where they are, ground frame, shape (n_f, n, 3), m.
-    deformation
-        What of it may be enlarged, shape (n_f, n, 3), m.
-    known
-        The frames at which there is a deformation, shape (n_f,).
-    lines, triangles, edges
-        Cells of beams; of surfaces their triangles, and the edges that show their shape; shapes (., 2), (., 3), (., 2).
-    values
-        Von Mises' stress at the nodes, shape (n_f, n), Pa; None where it is not known.
-    note
-        What of the body is left out, empty where nothing is.
-    """
-
-    name: str
-    kind: str
-    nodes: np.ndarray
-    points: np.ndarray
-    deformation: np.ndarray
-    known: np.ndarray
+    name: str  # of the body
+    kind: str  # ``flexible``, ``rigid`` or ``mass``
+    nodes: np.ndarray  # undeformed, in the body's frame, shape (n, d), m
+    points: np.ndarray  # where they are, ground frame, shape (n_f, n, 3), m
+    deformation: np.ndarray  # what of it may be enlarged, shape (n_f, n, 3), m
+    known: np.ndarray  # the frames at which there is a deformation, shape (n_f,)
+    #: lines, triangles, edges: cells of beams; of surfaces their triangles, and the edges that show their shape; shapes
+    #: (., 2), (., 3), (., 2)
     lines: np.ndarray
     triangles: np.ndarray
     edges: np.ndarray
-    values: np.ndarray | None
-    note: str = ""
+    values: np.ndarray | None  # von Mises' stress at the nodes, shape (n_f, n), Pa; None where it is not known
+    note: str = ""  # what of the body is left out, empty where nothing is
 
     def at(self, frames: np.ndarray) -> FilmBody:
         """Return the body at some of the frames."""
@@ -145,27 +125,15 @@ def _of_frames(run: Trajectory, name: str) -> FilmBody:
 
 @dataclass(frozen=True, eq=False)
 class Stress:
-    """The largest von Mises' stress of a run, in surfaces and within.
+    """The largest von Mises' stress of a run, in surfaces and within."""
 
-    Attributes
-    ----------
-    over_time
-        Of all bodies at the frames, shape (n_f,), Pa.
-    largest
-        Of all frames, and of the outputs of this stress at all steps, Pa.
-    body, frame
-        Where it is, and the frame at which that of the frames is largest.
-    when
-        Its instant, and of what it is the largest.
-    path, index
-        Dataset and place in the file; empty of beams at frames, where it is worked out of two.
-    """
-
-    over_time: np.ndarray
-    largest: float
+    over_time: np.ndarray  # of all bodies at the frames, shape (n_f,), Pa
+    largest: float  # of all frames, and of the outputs of this stress at all steps, Pa
+    #: body, frame: where it is, and the frame at which that of the frames is largest
     body: str
     frame: int
-    when: str
+    when: str  # its instant, and of what it is the largest
+    #: path, index: dataset and place in the file; empty of beams at frames, where it is worked out of two
     path: str
     index: str
 
@@ -228,73 +196,36 @@ SHADES = 254  # of stress from zero to the largest one; one more number says tha
 
 @dataclass(frozen=True)
 class Legend:
-    """Meaning of the colours.
+    """Meaning of the colours."""
 
-    Attributes
-    ----------
-    words, unit
-        Of the quantity.
-    stops
-        Colours from zero to the largest value.
-    largest
-        Of the whole run, as far as it is known.
-    where
-        Body and instant of it.
-    """
-
+    #: words, unit: of the quantity
     words: str
     unit: str
-    stops: list[str]
-    largest: Datum
-    where: str
+    stops: list[str]  # colours from zero to the largest value
+    largest: Datum  # of the whole run, as far as it is known
+    where: str  # body and instant of it
 
 
 @dataclass(frozen=True)
 class Film:
-    """Data that the page needs to draw the mechanism.
+    """Data that the page needs to draw the mechanism."""
 
-    Attributes
-    ----------
-    width, height
-        Of the picture, in its own unit.
-    start
-        Number of the frame that is shown first and printed: that of the largest stress.
-    lines
-        Bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
-        colours, and marks at the ends.
-    paths
-        ``d`` of the paths that ends of bodies take.
-    ground
-        Places (x, y) of ends that do not move.
-    scale
-        Length of the bar of the scale in the picture's unit, and in words.
-    still
-        Address of a picture of the surfaces at the first frame; empty without any.
-    keys
-        Kind, colour and name of bodies that are not coloured by stress.
-    legend
-        None where no stress is known.
-    data
-        For the script: instants, bodies, factors, outputs.
-    notes
-        What has to be known of the picture.
-    left_out
-        What the film does not show and the file has.
-    """
-
+    #: width, height: of the picture, in its own unit
     width: int
     height: int
-    start: int
+    start: int  # number of the frame that is shown first and printed: that of the largest stress
+    #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
+    #: colours, and marks at the ends
     lines: list[dict[str, Any]]
-    paths: list[str]
-    ground: list[tuple[int, int]]
-    scale: tuple[int, str]
-    still: str
-    keys: list[tuple[str, str, str]]
-    legend: Legend | None
-    data: dict[str, Any]
-    notes: list[str]
-    left_out: list[str]
+    paths: list[str]  # ``d`` of the paths that ends of bodies take
+    ground: list[tuple[int, int]]  # places (x, y) of ends that do not move
+    scale: tuple[int, str]  # length of the bar of the scale in the picture's unit, and in words
+    still: str  # address of a picture of the surfaces at the first frame; empty without any
+    keys: list[tuple[str, str, str]]  # kind, colour and name of bodies that are not coloured by stress
+    legend: Legend | None  # none where no stress is known
+    data: dict[str, Any]  # for the script: instants, bodies, factors, outputs
+    notes: list[str]  # what has to be known of the picture
+    left_out: list[str]  # what the film does not show and the file has
 
 
 @dataclass(frozen=True)

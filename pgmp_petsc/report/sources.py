@@ -25,18 +25,10 @@ from pgmp_petsc.runtime.files import RunRecord, open_file
 
 @dataclass(frozen=True)
 class Build:
-    """Build of a reduced model, as recorded in its file.
+    """Build of a reduced model, as recorded in its file."""
 
-    Attributes
-    ----------
-    record
-        Where it comes from.
-    selection
-        What was chosen for tolerances, None where nothing was.
-    """
-
-    record: RunRecord
-    selection: Selection | None
+    record: RunRecord  # where it comes from
+    selection: Selection | None  # what was chosen for tolerances, None where nothing was
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Build:
@@ -53,24 +45,12 @@ Result = Trajectory | Ensemble | Tradeoff | RareEvent | Build
 
 @dataclass(frozen=True)
 class Source:
-    """A file and what is in it.
+    """A file and what is in it."""
 
-    Attributes
-    ----------
-    name
-        Of the file, with as many of its directories as tell it from the others.
-    result
-        What it holds.
-    program
-        Version of the program that wrote it.
-    path
-        As it was given.
-    """
-
-    name: str
-    result: Result
-    program: str
-    path: Path
+    name: str  # of the file, with as many of its directories as tell it from the others
+    result: Result  # what it holds
+    program: str  # version of the program that wrote it
+    path: Path  # as it was given
 
     @property
     def record(self) -> RunRecord:
@@ -81,10 +61,7 @@ class Source:
 def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
     """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice.
 
-    Raises
-    ------
-    InputError
-        If a file is damaged, or none of those that a page shows.
+    Raises `InputError` if a file is damaged, or none of those that a page shows.
     """
     once: dict[str, Path] = {}
     lines = []
@@ -110,21 +87,12 @@ def compact_json(data: object) -> str:
 
 @dataclass(frozen=True)
 class Datum:
-    """A figure.
+    """A figure."""
 
-    Attributes
-    ----------
-    value
-        As in the file, in the file's unit.
-    text
-        As it is read.
-    file, path, index
-        Name of the file, its dataset, and the place in it (``3`` or ``3,1``); empty for figures that were worked out of
-        several.
-    """
-
-    value: float
-    text: str
+    value: float  # as in the file, in the file's unit
+    text: str  # as it is read
+    #: file, path, index: name of the file, its dataset, and the place in it (``3`` or ``3,1``); empty for figures that
+    #: were worked out of several
     file: str = ""
     path: str = ""
     index: str = ""

@@ -103,27 +103,15 @@ _REMARKS = (to_json, from_json)
 
 @dataclass(frozen=True)
 class Place:
-    """Which part of which ensemble a shard is.
+    """Which part of which ensemble a shard is."""
 
-    Attributes
-    ----------
-    number, count
-        Of the shard, from 1, and of shards.
-    n_samples
-        Of the whole ensemble.
-    first
-        Number of the first sample.
-    run
-        What the ensemble is, by key; the same for all shards.
-    file
-        Of the samples where they are from a file: its path, the identity of its content and the parameters it gives.
-    """
-
+    #: number, count: of the shard, from 1, and of shards
     number: int
     count: int
-    n_samples: int
-    first: int
-    run: dict[str, object]
+    n_samples: int  # of the whole ensemble
+    first: int  # number of the first sample
+    run: dict[str, object]  # what the ensemble is, by key; the same for all shards
+    #: of the samples where they are from a file: its path, the identity of its content and the parameters it gives
     file: dict[str, object] | None = None
 
 

@@ -52,22 +52,13 @@ DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of an output: its value at one instant of the run, and its derivatives; of extremes see `vertex`.
+    """A figure of an output: its value at one instant of the run, and its derivatives; of extremes see `vertex`."""
 
-    Attributes
-    ----------
-    name
-        ``at the end``, ``largest`` or ``smallest``.
-    value, time
-        In the output's unit; s.
-    derivatives
-        With the parameters, shape (n_parameters,).
-    """
-
-    name: str
+    name: str  # ``at the end``, ``largest`` or ``smallest``
+    #: value, time: in the output's unit; s
     value: float
     time: float
-    derivatives: np.ndarray
+    derivatives: np.ndarray  # with the parameters, shape (n_parameters,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,18 +183,10 @@ class Derivatives(Result):
 
 @dataclass(frozen=True)
 class Vertex:
-    """The vertex of the parabola through a value and those before and after it.
+    """The vertex of the parabola through a value and those before and after it."""
 
-    Attributes
-    ----------
-    at
-        Number of the instant.
-    offset
-        By how much of a step the vertex is later, from -1/2 to 1/2; 0 at both ends of a history.
-    """
-
-    at: int
-    offset: float
+    at: int  # number of the instant
+    offset: float  # by how much of a step the vertex is later, from -1/2 to 1/2; 0 at both ends of a history
 
     def of(self, histories: np.ndarray) -> np.ndarray:
         """Return what the parabolas through histories have there, shape (...) for histories of shape (..., n_t)."""

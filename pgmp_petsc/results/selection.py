@@ -69,23 +69,12 @@ class EffectSizes(Record):
 
 @dataclass(frozen=True)
 class Assembly:
-    """Undeformed bodies at one configuration, with the names of what is on them.
+    """Undeformed bodies at one configuration, with the names of what is on them."""
 
-    Parameters
-    ----------
-    scene : str
-        Name of the scene.
-    configuration : str
-        In words: ``theta = 0 rad``.
-    frames : Frames
-        One frame: where the bodies are.
-    joints, points : dict of str to ndarray, shape (d,)
-        Places of joints and of named points (``crank:tip``, ``ground:origin``), m.
-    """
-
-    scene: str
-    configuration: str
-    frames: Frames
+    scene: str  # name of the scene
+    configuration: str  # in words: ``theta = 0 rad``
+    frames: Frames  # one frame: where the bodies are
+    #: joints, points: places of joints and of named points (``crank:tip``, ``ground:origin``), m
     joints: dict[str, np.ndarray]
     points: dict[str, np.ndarray]
 

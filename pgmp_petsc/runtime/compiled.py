@@ -5,7 +5,8 @@ file of the cache is damaged. Here the function is compiled again, and the first
 
 Numba looks at the file of a function alone, and would take up code into which a function of another file was compiled
 before that one changed, as after an update of a checkout: wrong numbers without a word. What is kept is therefore
-marked by the text of every module of the package that the function's module imports, one after the other.
+marked by all that is compiled into it: the code of the functions that it calls, one after the other, and the values of
+the names that they read. Words, and functions that it does not call, may change.
 
 Processes that compile at once may also write two signatures of one function to the same file; numba would call the
 wrong one. What is loaded is therefore compared with what was asked for.
@@ -18,18 +19,22 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
-import re
+import inspect
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numba
+import numpy as np
 from llvmlite import binding, ir
-from numba.core import cgutils, environment, event, imputils, sigutils, types, typing
+from numba.core import cgutils, environment, event, extending, imputils, sigutils, types, typing
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import _nrt_python
 
 from pgmp_petsc.runtime.progress import waits_for
@@ -38,7 +43,7 @@ CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 COMPILING = "compiling, once for scenes of this kind"
 MAKE = "pgmp_make"  # what compiled code has a function apart made by
 PACKAGE = Path(__file__).parent.parent
-_IMPORT = re.compile(rf"^from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
+LIBRARIES = ("numpy", "numba", "math")  # numba knows their functions; its version marks its files
 _problems: list[str] = []
 #: Of functions apart: the word with their address, module, function and types of the arguments, by name.
 _slots: dict[str, tuple[ctypes.c_void_p, str, str, tuple]] = {}
@@ -68,6 +73,7 @@ def njit(
         # nothing here is called from C; the wrapper for that would be compiled with each function. Whether references
         # are counted is said in either case: a function takes it from its first caller otherwise
         dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
+        dispatcher.apart = apart
         if numba.config.DISABLE_JIT:
             return dispatcher
         dispatcher._compilation_chain_init_hook = _no_extensions
@@ -203,12 +209,23 @@ def _no_extensions() -> None:
     installed."""
 
 
+class _ByName(CompileResultCacheImpl):
+    """Keeps a function under its name, whichever line of its file it begins in."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        """Return what the names of its files begin with."""
+        fullname = fullname.replace("<", "").replace(">", "")
+        return f"{fullname}.py{sys.version_info[0]}{sys.version_info[1]}{abiflags}"
+
+
 class _LenientCache(FunctionCache):
     """The cache of one function; what cannot be read counts as absent, what cannot be written stays away.
 
     Its folder is looked for when it is first asked for something: most functions are parts of others, which bring them
     along, and looking for a folder tries to write there.
     """
+
+    _impl_class = _ByName
 
     def __init__(self, function: Callable, ending: str = "") -> None:
         self._function, self._ending, self._is_open = function, ending, False
@@ -219,7 +236,7 @@ class _LenientCache(FunctionCache):
             self._is_open, self._enabled = True, False
             try:
                 super().__init__(self._function)
-                mark = source_mark(self._function.__module__) or self._impl.locator.get_source_stamp()
+                mark = compiled_mark(self._function)
                 self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base + self._ending, mark)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
@@ -263,42 +280,93 @@ class _LenientCache(FunctionCache):
             pass  # keeping the function will fail too, and say so
 
 
-def source_mark(module: str) -> str | None:
-    """Return what tells the texts of a module and of all that it imports from others; None of another package's."""
-    if _file_of(module) is None:
-        return None
-    texts: dict[str, bytes] = {}
-    todo = [module]
+def compiled_mark(function: Callable) -> str:
+    """Return what tells all that is compiled into a function of the package.
+
+    That is the code of the functions that it calls, one after the other, and the values of the names that they read. Of
+    a function apart only its name and what it returns are compiled into its callers. What teaches numba types of the
+    package is known to all.
+    """
+    marks: dict[Callable, str] = {}
+    todo = [function]
     while todo:
-        name = todo.pop()
-        if name not in texts:
-            texts[name], imported = _text_of(name)
-            todo.extend(imported)
-    return hashlib.sha256(b"".join(texts[name] for name in sorted(texts))).hexdigest()
+        each = todo.pop()
+        if each not in marks:
+            own, called = _own_mark(each)
+            marks[each] = f"{each.__module__}.{each.__qualname__} {own}"
+            todo.extend(called)
+    return _checksum(text_mark(*_teaching()), *sorted(marks.values()))
+
+
+def text_mark(*modules: str) -> str:
+    """Return what tells the texts of modules of the package."""
+    return _checksum(*(_text_of(name) for name in modules))
+
+
+def _checksum(*parts: str) -> str:
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 @functools.cache
-def _text_of(module: str) -> tuple[bytes, tuple[str, ...]]:
-    """Return the checksum of a module's text, and which modules of the package it imports at once."""
-    text = _file_of(module).read_text()
-    imported = []
-    for source, names in _IMPORT.findall(text):
-        imported.append(source)
-        if _file_of(source).name == "__init__.py":
-            parts = (f"{source}.{name}" for name in re.findall(r"\w+", names))
-            imported += [name for name in parts if _file_of(name) is not None]
-    return hashlib.sha256(text.encode()).digest(), tuple(imported)
+def _text_of(module: str) -> str:
+    return PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
 
 
 @functools.cache
-def _file_of(module: str) -> Path | None:
-    """Return the file of a module of the package, or None where it is another name."""
-    package, *parts = module.split(".")
-    if package != PACKAGE.name:
-        return None
-    place = PACKAGE.joinpath(*parts)
-    found = [path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()]
-    return found[0] if found else None
+def _teaching() -> tuple[str, ...]:
+    """Return the modules of this room that teach numba types, or how something of them is compiled."""
+    room = __name__.rpartition(".")[0]
+    names = sorted(f"{room}.{path.stem}" for path in Path(__file__).parent.glob("*.py"))
+    return tuple(name for name in names if "numba.extending import" in _text_of(name))
+
+
+@functools.cache
+def _own_mark(function: Callable) -> tuple[str, tuple[Callable, ...]]:
+    """Return what tells a function's own code and the values that it reads, and which functions it calls."""
+    called: list[Callable] = []
+    codes, parts = [function.__code__], [repr(function.__defaults__)]
+    names: set[str] = set()
+    while codes:
+        code = codes.pop()
+        words = code.co_consts[1:] if code.co_consts[:1] == (function.__doc__,) else code.co_consts
+        codes += [each for each in words if isinstance(each, CodeType)]
+        parts += [code.co_code.hex(), repr([each for each in words if not isinstance(each, CodeType)])]
+        parts += [repr(code.co_names), repr(code.co_varnames)]
+        names.update(code.co_names)
+    held = {name: function.__globals__[name] for name in names if name in function.__globals__}
+    held |= inspect.getclosurevars(function).nonlocals
+    for name, value in sorted(held.items()):
+        values = [value]
+        if isinstance(value, ModuleType) and value.__name__.startswith(f"{PACKAGE.name}."):
+            values = [getattr(value, each) for each in sorted(names) if hasattr(value, each)]
+        parts += [name, *(_read(each, called) for each in values)]
+    return _checksum(*parts), tuple(called)
+
+
+def _read(value: Any, called: list[Callable]) -> str:
+    """Return what tells a value that compiled code reads; a function that it calls is added to `called`."""
+    if isinstance(value, Dispatcher):
+        options = repr(sorted(value.targetoptions.items()))
+        if value.apart is None:
+            called.append(value.py_func)
+            return options
+        return f"{value.py_func.__module__} {options} {_read(value.apart, called)}"
+    if isinstance(value, FunctionType) and value.__module__.partition(".")[0] not in LIBRARIES:
+        called.append(value)
+        return value.__qualname__
+    if isinstance(value, tuple | list):
+        return repr([_read(each, called) for each in value])
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    if isinstance(value, extending._Intrinsic):
+        return text_mark(value._defn.__module__)
+    if isinstance(value, type):
+        return f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
+    if isinstance(value, ModuleType | BuiltinFunctionType | FunctionType | np.ufunc):
+        return value.__name__
+    if isinstance(value, bool | int | float | complex | str | None | np.generic | np.dtype | types.Type):
+        return repr(value)
+    raise TypeError(f"nothing tells changes of {value!r}, which compiled code reads")
 
 
 @functools.cache
@@ -333,7 +401,7 @@ def _bare_environments() -> Iterator[None]:
         environment._rebuild_env = rebuild
 
 
-class _NamesAlone(CompileResultCacheImpl):
+class _NamesAlone(_ByName):
     """Keeps the machine code of a function, and of its intermediate code the names that are defined."""
 
     def reduce(self, cres: Any) -> tuple:

@@ -86,18 +86,11 @@ def shortened(text: str, most: int = LONGEST_QUOTE) -> str:
 
 @dataclass(frozen=True)
 class Remark:
-    """One sentence about a result, with its reason and, where there is one, the cure.
+    """One sentence about a result, with its reason and, where there is one, the cure."""
 
-    Parameters
-    ----------
-    kind
-        ``warning`` where figures may be wrong or are worth less than they look, ``note`` where something is absent.
-    text
-        The sentence, without a full stop at its end.
-    """
-
+    #: ``warning`` where figures may be wrong or are worth less than they look, ``note`` where something is absent
     kind: Literal["warning", "note"]
-    text: str
+    text: str  # the sentence, without a full stop at its end
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"

@@ -29,23 +29,12 @@ UNKNOWNS_PER_RANK = 3000  # of a run that is shared by ranks
 
 @dataclass(frozen=True)
 class RankGroup:
-    """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators.
+    """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators."""
 
-    Attributes
-    ----------
-    world
-        All ranks.
-    comm
-        The ranks of this group.
-    roots
-        The first ranks of all groups (on those ranks), else None.
-    index, count
-        Number of this group, and of groups.
-    """
-
-    world: MPI.Comm
-    comm: MPI.Comm
-    roots: MPI.Comm | None
+    world: MPI.Comm  # all ranks
+    comm: MPI.Comm  # the ranks of this group
+    roots: MPI.Comm | None  # the first ranks of all groups (on those ranks), else None
+    #: index, count: number of this group, and of groups
     index: int
     count: int
 
@@ -53,12 +42,8 @@ class RankGroup:
     def split(cls, world: MPI.Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
-        Who splits closes. `option` is what asks for it, in messages.
-
-        Raises
-        ------
-        InputError
-            If a group needs more ranks than there are.
+        Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
+        than there are.
         """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(

@@ -17,21 +17,11 @@ SHOWN = 12  # characters of a checksum in messages
 
 @dataclass(frozen=True)
 class Plugin:
-    """A file outside the package that declares ideas.
+    """A file outside the package that declares ideas."""
 
-    Attributes
-    ----------
-    name
-        What files call it: ``damper.py``, or the module of an installed package.
-    path
-        Where it is.
-    sha256
-        Of its bytes, as a hexadecimal number.
-    """
-
-    name: str
-    path: str
-    sha256: str
+    name: str  # what files call it: ``damper.py``, or the module of an installed package
+    path: str  # where it is
+    sha256: str  # of its bytes, as a hexadecimal number
 
 
 #: Plugins by the table of the scene and the type of each of their ideas.
@@ -62,10 +52,7 @@ def plugins_of(scene_toml: str) -> dict[str, str]:
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
     """Refuse a file that was made with plugins that are not in use, or were others.
 
-    Raises
-    ------
-    InputError
-        Naming the plugin, with the cure.
+    Raises `InputError`, naming the plugin, with the cure.
     """
     for name, sha256 in needed.items():
         if any(plugin.sha256 == sha256 for plugin in IN_USE.values()):

@@ -202,7 +202,7 @@ def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
         return {name: effect}
     parts: dict[str, EffectEntry] = {} if _is_zero(effect) else {name: _part(effect, None)}
     for parameter in parameters:
-        parts[_own_name(name, parameter)] = _part(effect, parameter)
+        parts[f"{name}_{parameter}"] = _part(effect, parameter)
     return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
 
 
@@ -212,10 +212,6 @@ def part_problems(scene: Scene) -> Iterator[str]:
         for part in parts_of(name, effect):
             if part != name and part in scene.effects:
                 yield problem(f"effects.{part}", f"a part of effects.{name} has this name; give it another one")
-
-
-def _own_name(name: str, parameter: str) -> str:
-    return f"{name}_{parameter}"
 
 
 def _is_zero(effect: OverTime) -> bool:
@@ -241,22 +237,13 @@ def _part(effect: OverTime, parameter: str | None) -> OverTime:
 
 @dataclass(frozen=True)
 class Impulse:
-    """Integrals of a table over a run, in its unit times s.
+    """Integrals of a table over a run, in its unit times s."""
 
-    Attributes
-    ----------
-    exact, seen
-        Of the table, and of its values at the ends of steps by the trapezoidal rule.
-    whole
-        Of its magnitude.
-    largest
-        Largest magnitude at the end of a step, in the table's unit.
-    """
-
+    #: exact, seen: of the table, and of its values at the ends of steps by the trapezoidal rule
     exact: float
     seen: float
-    whole: float
-    largest: float
+    whole: float  # of its magnitude
+    largest: float  # largest magnitude at the end of a step, in the table's unit
 
 
 def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:

@@ -7,13 +7,15 @@ evaluated.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from pgmp_petsc.declare.ideas import EFFECTS, Found, refuse
+from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import (
     LoadHarmonic,
     LoadTable,
@@ -86,10 +88,7 @@ class EffectEntry(Table):
     def forces(self, name: str, mechanism: Any) -> Any:
         """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
 
-        Raises
-        ------
-        InputError
-            If a body's mesh does not have a point that it is at.
+        Raises `InputError` if a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
 
@@ -151,13 +150,7 @@ class EffectEntry(Table):
 
 
 def _check(cls: type[EffectEntry]) -> None:
-    """Refuse an effect that is not whole.
-
-    Raises
-    ------
-    InputError
-        With the file and line of the class.
-    """
+    """Refuse an effect that is not whole. Raises `InputError`, with the file and line of the class."""
     made = cls.forces is not EffectEntry.forces
     if getattr(cls, "acts", None) not in ("forces", "mechanism", "reduction"):
         raise refuse(cls, 'an effect says what it is: acts = "forces" (or "mechanism", "reduction")')
@@ -183,6 +176,37 @@ def _check(cls: type[EffectEntry]) -> None:
             except UnknownUnit:
                 such = ", ".join(SI)
                 raise refuse(cls, f"{key} is in '{one}', which is no SI unit of a scene; such units: {such}") from None
+    if made and not cls.__module__.startswith(PACKAGE):
+        _try_forces(cls)
+
+
+class LawMismatch(InputError):
+    """A law is given other parameters than it has."""
+
+
+#: Values of entries, of which each is given the first that it takes.
+TRIED = (1.0, 1, "ground:origin", (1.0, 0.0), (1.0, 0.0, 0.0), ("ground:origin", "body:point"), ((1.0, 0.0),))
+
+
+def _try_forces(cls: type[EffectEntry]) -> None:
+    """Let an effect make its forces in a mechanism that agrees to all; raises `LawMismatch`.
+
+    What else goes wrong in it says nothing of the effect in a scene.
+    """
+    from unittest.mock import MagicMock  # takes a noticeable time, and few commands have plugins
+
+    values = {}
+    for key, entry in cls.model_fields.items():
+        kind = TypeAdapter(Annotated[entry.annotation, entry])
+        for value in TRIED if entry.is_required() else ():
+            with suppress(ValidationError):
+                values.setdefault(key, kind.validate_python(value))
+    try:
+        cls.model_construct(**values).forces(get_args(cls.model_fields["type"].annotation)[0], MagicMock())
+    except LawMismatch:
+        raise
+    except Exception:
+        return
 
 
 class OverTime(EffectEntry):

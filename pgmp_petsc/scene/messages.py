@@ -82,12 +82,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> InputError:
 
 
 def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
-    location, kind, context, received = (
-        details["loc"],
-        details["type"],
-        details.get("ctx", {}),
-        details["input"],
-    )
+    location, kind, context, received = (details["loc"], details["type"], details.get("ctx", {}), details["input"])
     keys, members = _follow(model, location)
     entry = dotted_name(keys)
     if kind == "missing":
@@ -198,18 +193,10 @@ def inline_toml(value: object) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One strange entry.
+    """One strange entry."""
 
-    Attributes
-    ----------
-    text
-        Name of the entry, its value, what is strange about it and the cure.
-    refused
-        Whether it cannot be meant; otherwise it may be, and the scene is computed with a warning.
-    """
-
-    text: str
-    refused: bool = False
+    text: str  # name of the entry, its value, what is strange about it and the cure
+    refused: bool = False  # whether it cannot be meant; otherwise it may be, and the scene is computed with a warning
 
 
 def doubt(entry: str, reason: str, *received: object) -> Finding:

@@ -22,23 +22,12 @@ MATRICES = ("stiffness_scale", "mass_scale")
 
 @dataclass(frozen=True)
 class Use:
-    """One entry that may name a parameter.
+    """One entry that may name a parameter."""
 
-    Attributes
-    ----------
-    entry
-        Dotted name.
-    value
-        What it holds.
-    sign
-        Which numbers make sense.
-    units
-        What it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
-    """
-
-    entry: str
-    value: float | str
-    sign: Sign
+    entry: str  # dotted name
+    value: float | str  # what it holds
+    sign: Sign  # which numbers make sense
+    #: what it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
     units: tuple[str, ...]
 
     @property

@@ -118,6 +118,33 @@ class Together(Observer):
             observer.over(numbers, times, trail)
 
 
+class StateRecord(Observer):
+    """Keeps all states of a reduced run of one sample; `pulse` is called with numbers of steps."""
+
+    def __init__(self, pulse: Callable[[int], object]) -> None:
+        self._pulse = pulse
+        self._times: list[np.ndarray] = []
+        self._states: list[np.ndarray] = []
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Keep the state after a step."""
+        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Keep the states after many steps; see `Observer`."""
+        self._keep(times, trail, times.size)
+
+    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
+        self._times.append(times.copy())
+        self._states.append(trail[:, :, 0].copy())
+        self._pulse(n_steps)
+
+    def states(self) -> tuple[np.ndarray, State]:
+        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
+        states = np.moveaxis(np.concatenate(self._states), 1, 0)
+        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))
+
+
 class GeneralisedAlpha:
     """Steps a `SecondOrderSystem` from stop to stop, as a `drivers.Driver` calls it.
 
@@ -220,9 +247,10 @@ class GeneralisedAlpha:
                 Stretch(self._stepper, self._moment, first, ends, self._step, together, self._beyond, shown, trail)
             )
             at[together] += n_steps[together]
-            stuck = together & (outcome != Outcome.DONE)
-            for number in sorted(set(at[stuck].tolist())):
-                there = stuck & (at == number)
+            # one that is through its step with care is not to be taken up with others that are stuck in the next one
+            stuck_at = np.where(together & (outcome != Outcome.DONE), at, last)
+            for number in sorted(set(stuck_at.tolist()) - {last}):
+                there = stuck_at == number
                 self._advance_with_care(number, there, outcome)
                 self._stand(trail.at(slice(int(np.searchsorted(shown, number + 1)), None)), there)
                 at[there] += 1

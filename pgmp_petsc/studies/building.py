@@ -24,7 +24,7 @@ from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.results.summary import origin_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import open_file, shapes_of
+from pgmp_petsc.runtime.files import BUILD_AGAIN, open_file, shapes_of
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
@@ -54,7 +54,7 @@ class Built:
     def read(cls, path: Path) -> Self:
         """Read ROM.h5; by one process. Raises as `ReducedOrderModel.read`."""
         rom = ReducedOrderModel.read(path)
-        with open_file(path, "rom") as file, shapes_of(file):
+        with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             return cls(rom, Selection.found_in(file), EffectSizes.found_in(file))
 
     def figures(self) -> dict[str, object]:

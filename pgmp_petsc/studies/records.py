@@ -1,5 +1,4 @@
-"""Records of runs: all states of a reduced one; of a full-order one outputs, coordinates and energies at every instant,
-and now and then all nodes."""
+"""Records of full-order runs: outputs, coordinates and energies at every instant, and now and then all nodes."""
 
 from __future__ import annotations
 
@@ -12,9 +11,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
-from pgmp_petsc.runtime.progress import Progress
 from pgmp_petsc.stepping.energies import Energies, joined
-from pgmp_petsc.stepping.generalised_alpha import Observer
 from pgmp_petsc.stepping.second_order_system import State
 
 
@@ -114,30 +111,3 @@ class FullRecord:
             for coordinate in kinematics.coordinates
         ]
         return np.array([b - a for a, b in angles])
-
-
-class ReducedRecord(Observer):
-    """Keeps all states of a run of one sample, and counts its steps; one of its observers."""
-
-    def __init__(self, bar: Progress) -> None:
-        self._bar = bar
-        self._times: list[np.ndarray] = []
-        self._states: list[np.ndarray] = []
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Keep the state after a step."""
-        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `Observer`."""
-        self._keep(times, trail, times.size)
-
-    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
-        self._times.append(times.copy())
-        self._states.append(trail[:, :, 0].copy())
-        self._bar.update(n_steps)
-
-    def history(self) -> tuple[np.ndarray, State]:
-        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
-        states = np.moveaxis(np.concatenate(self._states), 1, 0)
-        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
-from pgmp_petsc.estimates.coverage import (
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
     few_steps,
     is_estimated,
@@ -24,7 +25,6 @@ from pgmp_petsc.estimates.coverage import (
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -43,6 +43,7 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import (
     Attempt,
     Run,
+    StateRecord,
     Together,
     count_steps,
     integrate,
@@ -53,7 +54,7 @@ from pgmp_petsc.stepping.static_equilibrium import require_settled, start_remark
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.balance import balance_of, balance_remarks, with_weights
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
-from pgmp_petsc.studies.records import FullRecord, ReducedRecord
+from pgmp_petsc.studies.records import FullRecord
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -278,10 +279,10 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
         validity = Validity(model, system, values, simulation)
         with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
-            record = ReducedRecord(bar)
+            record = StateRecord(bar.update)
             watches = [validity] if watched is None else [validity, watched]
             done = integrate(system, simulation, observer=Together([*watches, record]))
-        times, history = record.history()
+        times, history = record.states()
         with timings.phase("projection"), np.errstate(all="ignore"):
             outputs = model.observed_of(history.q, model.scene.values, history.v)
             energies = system.energies_of_run(times, history)

@@ -1,7 +1,5 @@
 """Designs of samples: the same in any stretch, and as evenly spread as they promise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

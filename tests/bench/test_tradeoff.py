@@ -1,7 +1,5 @@
 """Whole small studies: what is measured, what is recorded when it fails, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 
@@ -16,7 +14,7 @@ from tradeoffs import LEAST, small_scene, study
 from pgmp_petsc.bench.cases import held_out
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
-from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
 

@@ -1,7 +1,5 @@
 """Monomials of parameters: products, powers, text, and weights of many samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

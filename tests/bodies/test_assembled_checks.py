@@ -1,7 +1,5 @@
 """What is checked of assembled matrices where no file is needed: round-off that is allowed, and Lanczos' limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.sparse as sp

@@ -1,7 +1,5 @@
 """The planar beam element: force and tangent against the energy, frame invariance, mass."""
 
-from __future__ import annotations
-
 import compiled_elements
 import numpy as np
 import pytest

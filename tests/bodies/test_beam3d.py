@@ -1,7 +1,5 @@
 """The beam element in space: rigid motion, objectivity, derivatives, patches, and its sections and axes."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 
@@ -278,9 +276,7 @@ def test_torsion_of_a_rectangle_whose_sides_exchange_their_order(nominal: tuple[
     values = dict(zip("bh", nominal))
     spans = {name: (value * (1 - half), value * (1 + half)) for name, value in values.items()}
     affine = in_space(Rectangle(shape="rectangle", width="b", height="h"), STEEL, values, spans)
-    other = in_space(
-        Rectangle(shape="rectangle", width="h", height="b"), STEEL, values, spans
-    )
+    other = in_space(Rectangle(shape="rectangle", width="h", height="b"), STEEL, values, spans)
     for b, h in product(np.linspace(*spans["b"], 9), np.linspace(*spans["h"], 9)):
         numbers = in_space(Rectangle(shape="rectangle", width=b, height=h), STEEL)
         exact = totals(numbers)[0][3]

@@ -1,7 +1,5 @@
 """Condensed bodies against their meshes: frequencies, rigid motion, linear fields, the interface's answers, ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Continuum elements: force and tangent against the energy, rigid motion, viscous stress, mass."""
 
-from __future__ import annotations
-
 import compiled_elements
 import numpy as np
 import pytest
@@ -10,8 +8,8 @@ from solids import rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.mesh.cell_checks import jacobian_determinants
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
+from pgmp_petsc.mesh.solid_mesh_reading import jacobian_determinants
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 CURVED = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")

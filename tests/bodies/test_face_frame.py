@@ -1,7 +1,5 @@
 """The frame of a group of faces: means of rigid motions, work, centre and inertia, on flat and curved faces."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A continuum body from its scene: frames, materials of regions, shares of rows, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

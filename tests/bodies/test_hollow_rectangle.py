@@ -1,7 +1,5 @@
 """The section `hollow_rectangle`: closed forms, torsion against finite differences, and a cantilever of it."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Expansions of random fields against closed forms, and the covariance that they are made of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

@@ -1,7 +1,5 @@
 """What is of second order in the deformation of continuum bodies: against a Green-Lagrange energy written here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

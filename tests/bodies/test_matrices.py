@@ -1,7 +1,5 @@
 """Affine matrices of all bodies: rows of ranks, one pattern, rigid motions, masses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.sparse as sp

@@ -1,7 +1,5 @@
 """Rigid bodies: the mass of lines of any shape, and the masses that they carry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of

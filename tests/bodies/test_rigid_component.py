@@ -1,7 +1,5 @@
 """Rigid continuum bodies: mass, centre of mass and inertia of the mesh, and the momenta of linear fields."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

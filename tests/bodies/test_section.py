@@ -1,7 +1,5 @@
 """Sectional coefficients: closed forms, and which parameters enter which term."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

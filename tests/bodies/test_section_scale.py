@@ -1,8 +1,6 @@
 """A scaled cross-section against the mesh that has it: exact terms, condensed matrices, and groups that cannot be
 scaled."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache

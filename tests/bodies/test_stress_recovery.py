@@ -1,7 +1,5 @@
 """Strains at the nodes of cells and in beams, and what is made of them, against fields and formulas known before."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

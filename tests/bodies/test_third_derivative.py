@@ -1,7 +1,5 @@
 """Third derivative of the strain energy of all bodies: against the tangent, affine terms, rows of ranks."""
 
-from __future__ import annotations
-
 import combinations
 import numpy as np
 import pytest

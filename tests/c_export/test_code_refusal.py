@@ -1,7 +1,5 @@
 """What a model in C does not have is refused by its name; what stands in the way of files is said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

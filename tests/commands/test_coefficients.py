@@ -1,7 +1,5 @@
 """A beam that is given by the coefficients of its section, with nothing to read its depth from, in every command."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from combinations import COEFFICIENTS

@@ -3,8 +3,6 @@
 Every feature once, every kind with three or four of them; ``python tests/combinations.py`` tries all with all.
 """
 
-from __future__ import annotations
-
 import pytest
 from capability_table import table, verdict
 from combinations import FEATURES, KINDS, outcome

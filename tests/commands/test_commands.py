@@ -1,7 +1,5 @@
 """Every command as a user runs it: what it writes, prints and ends with, on one rank and on three."""
 
-from __future__ import annotations
-
 import shutil
 import tomllib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``--components`` of simulate and montecarlo, as users type it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,10 +53,7 @@ FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
     "arguments, message",
     [
         (("simulate", PAPER_SCENE, "--components", "--full"), "--full and --components: two models; give one of them"),
-        (
-            ("montecarlo", PAPER_SCENE, "--components", "-n", 2, "--ranks-per-sample", 2),
-            "--ranks-per-sample = 2: samples of component modes are small",
-        ),
+        (("montecarlo", PAPER_SCENE, "--components", "-n", 2, "--ranks-per-sample", 2), "--ranks-per-sample = 2"),
         (("simulate", PAPER_SCENE, "--components", *overridden(LOOSE)), "bodies.loose: no joint connects it with"),
         (
             ("simulate", SOLID, "--components", *overridden('joints.elbow.connect=["crank:side", "rod:hinge"]')),

@@ -1,7 +1,5 @@
 """Commands as declarations: what is found without importing, what follows for Python, click and docs, and refusals."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import sys

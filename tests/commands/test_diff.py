@@ -1,7 +1,5 @@
 """``pgmp diff``: differences that are known, at their places; what cannot be compared, and the exit status."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``pgmp check --effects`` and ``effects = "auto"``: sizes against hand-worked figures, and the choice that follows."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable

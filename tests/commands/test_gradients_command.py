@@ -1,7 +1,5 @@
 """pgmp sensitivities, fit and optimize: files, messages and pictures, the same on one rank and on two."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The job scripts, with stand-ins for the scheduler: what they run, when they stop, and what they submit again."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -342,11 +340,7 @@ def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "variables", "message"),
     [
-        (
-            "build.slurm",
-            {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3},
-            "ROM = rom.h5: all jobs of the array would write this file",
-        ),
+        ("build.slurm", {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3}, "ROM = rom.h5: all jobs of the array"),
         ("montecarlo.pbs", {"PBS_ARRAY_INDEX": 3}, "OUTPUT = many.h5: all jobs of the array would write this file"),
         ("montecarlo.slurm", {"OUTPUT": "m%a.h5"}, "OUTPUT = m%a.h5: %a is the index in a job array, and this job is"),
         ("montecarlo.slurm", {"SHARDS": 8}, "SHARDS = 8: needed: an array of jobs, one a shard, from 1 to 8"),

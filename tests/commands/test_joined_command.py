@@ -1,7 +1,5 @@
 """Better models, rules, budgets and further tries of failed samples: through the command, and as it runs them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from copy import copy

@@ -1,7 +1,5 @@
 """Bodies from matrices through the commands: a chain of them, and bad input with one message and exit status 2."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

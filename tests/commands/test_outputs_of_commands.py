@@ -1,7 +1,5 @@
 """What commands write, and what they leave alone: inputs, foreign files, the output of another job, a full disk."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

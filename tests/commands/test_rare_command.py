@@ -1,7 +1,5 @@
 """Rare events and random fields through the command, on one rank and on several."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

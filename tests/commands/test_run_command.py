@@ -1,7 +1,5 @@
 """`pgmp run`: every step, what a later run takes, what it leaves out, and the figures as JSON."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -16,7 +14,7 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from runs import PGMP, overridden, pgmp
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.scene.template import write_template
+from pgmp_petsc.scene.loading import write_template
 
 # without extremes: fewer pictures on the page
 SHORT = overridden(

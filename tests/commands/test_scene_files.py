@@ -1,7 +1,5 @@
 """Scene and mesh files that are none, and warnings of `pgmp check` and in results."""
 
-from __future__ import annotations
-
 import os
 import resource
 from pathlib import Path

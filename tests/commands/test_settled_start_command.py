@@ -1,7 +1,5 @@
 """Runs and samples that start from static equilibrium, by the commands; those that have none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

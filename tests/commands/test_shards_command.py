@@ -1,7 +1,5 @@
 """Shards of an ensemble, joined, are what one run gives: bit for bit, whatever the sampler, ranks and failures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

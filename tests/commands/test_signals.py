@@ -1,7 +1,5 @@
 """A run that a scheduler ends: one line says what is kept, the exit status is the signal's, no rank is left behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

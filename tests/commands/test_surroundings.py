@@ -1,7 +1,5 @@
 """What a command finds around it: closed streams, environment variables, a folder that is gone, names of anyone."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable
@@ -65,7 +63,7 @@ def test_an_unknown_backend_of_matplotlib_is_done_without(tmp_path: Path) -> Non
     picture = f"{CHECK} --plot {tmp_path}/one.png"
     assert shell(picture, tmp_path, MPLBACKEND="nothing").returncode == 0
     assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
-    program = "import pgmp_petsc as pgmp; pgmp.check; import matplotlib; print(matplotlib.rcParams[\"backend\"])"
+    program = 'import pgmp_petsc as pgmp; pgmp.check; import matplotlib; print(matplotlib.rcParams["backend"])'
     for given, found in (("svg", "svg"), ("nothing", None)):
         done = shell(f"{sys.executable} -c '{program}'", ROOT, MPLBACKEND=given)
         assert done.returncode == 0 and (found is None or done.stdout.strip() == found), done

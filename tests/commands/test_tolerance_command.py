@@ -1,7 +1,5 @@
 """Tolerances on the command line: what is said and kept, and what a tolerance that cannot be met is answered."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

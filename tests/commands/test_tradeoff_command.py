@@ -1,7 +1,5 @@
 """``pgmp tradeoff`` as users run it: its file, what is printed, what `info` and `plot` make of it; on 1 and 3 ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``pgmp check --trial``: what a build of continuum bodies will take, on any number of ranks."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

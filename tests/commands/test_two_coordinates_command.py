@@ -1,7 +1,5 @@
 """Commands on a scene with two rigid coordinates: check, build, info, modes, and what they refuse."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Samplers, events, extremes, bands and files of samples, through the command, on one rank and on several."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

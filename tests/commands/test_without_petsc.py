@@ -1,7 +1,5 @@
 """A Python without PETSc, SLEPc and MPI: the same numbers bit for bit, and one message where they are needed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

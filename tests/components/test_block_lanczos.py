@@ -1,7 +1,5 @@
 """Block Lanczos of a free body: modes that the first block cannot see, and what is said where some stay missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The foreshortening of bodies that bend: a straight beam's length, what it leaves of the energy, and its moments."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records: what follows from a field that says its sizes, its unit and its meaning."""
 
-from __future__ import annotations
-
 import re
 import weakref
 from collections.abc import Iterator, Mapping

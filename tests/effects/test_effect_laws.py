@@ -1,7 +1,5 @@
 """Laws of local effects: against closed forms and differences, in Python, compiled and in C; what is no declaration."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys
@@ -247,7 +245,11 @@ def printing(folder: Path) -> subprocess.Popen:
 def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
     both = [printing(tmp_path) for _ in range(2)]
     (path, _), _ = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
-    assert Path(path).parent == tmp_path and [part.name for part in tmp_path.glob("pgmp_printed_stop*.py")] == [Path(path).name]
-    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "False"], "sympy is for printing alone"
+    assert Path(path).parent == tmp_path and [part.name for part in tmp_path.glob("pgmp_printed_stop*.py")] == [
+        Path(path).name
+    ]
+    assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "False"], (
+        "sympy is for printing alone"
+    )
     Path(path).write_text(Path(path).read_text()[:200])
     assert printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split() == [path, "True"]

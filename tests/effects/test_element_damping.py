@@ -1,7 +1,5 @@
 """Kelvin-Voigt damping of the beam element against differences of its strains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_elements import damped_beam2d

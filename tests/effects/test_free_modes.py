@@ -1,7 +1,5 @@
 """Elastic modes of free bodies, and the modal damping made of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BAR, CANTILEVER, line_meshes, mechanism_with_lines, scene_of

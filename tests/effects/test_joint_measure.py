@@ -1,7 +1,5 @@
 """What effects measure in joints that slide, turn, or do both, in space."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Prescribed motions: angle, speed and acceleration belong together, and end where they should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Actions on the unknowns of nodes, in the plane and in natural coordinates: tangents against differences, power."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

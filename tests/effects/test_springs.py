@@ -1,7 +1,5 @@
 """Springs as stiffness: against differences of what they measure, with and without force; what is left out."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

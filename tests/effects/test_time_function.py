@@ -1,7 +1,5 @@
 """Functions of time in compiled code: what scenes give, at any instant."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """A scene without an effect pays nothing for it: no action, no load, no evaluation."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Statistics of samples against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 
 from pgmp_petsc.ensemble.sensitivity import of_given
 from pgmp_petsc.ensemble.statistics import Peaks, describe, holds_to, is_constant, quantile_bounds
-from pgmp_petsc.results.statistics import Chance
+from pgmp_petsc.results import Chance
 from pgmp_petsc.scene.numerics import Event
 
 PROBABILITIES = (0.25, 0.5, 0.75)

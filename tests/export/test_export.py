@@ -1,7 +1,5 @@
 """The XDMF file: every reference leads to an array of the stated size; another reader accepts it."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Pictures: what is drawn is what the data say, and nothing overlaps the edge of the picture."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results in one picture are told apart, those of different scenes never share one, and what is left out is said."""
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager

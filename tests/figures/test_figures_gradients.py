@@ -1,7 +1,5 @@
 """Pictures of sensitivities, fits and designs: what is drawn is what the data say, and nothing overlaps the edge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

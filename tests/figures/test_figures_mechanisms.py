@@ -1,7 +1,5 @@
 """Pictures of what mechanisms of any kind add: balances of energy, two coordinates, rigid bodies, the gallery."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

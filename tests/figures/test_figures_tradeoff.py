@@ -1,7 +1,5 @@
 """Pictures of a trade-off study: every setting is where its numbers say, and nothing overlaps the edge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

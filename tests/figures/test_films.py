@@ -1,7 +1,5 @@
 """Pictures of surfaces and films: bodies are where they are said to be, in the colours of their values."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Outer faces of meshes as triangles: their area, their normals and their edges are those of the body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from solids import box_mesh, rectangle_mesh, straightened

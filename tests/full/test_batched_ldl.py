@@ -1,7 +1,5 @@
 """The lane-vectorised factorisation against dense linear algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.sparse as sp

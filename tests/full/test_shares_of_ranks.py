@@ -1,7 +1,5 @@
 """The equations of solids, whole and in shares of ranks: derivatives, damping, and sums over ranks."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

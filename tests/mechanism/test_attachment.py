@@ -1,7 +1,5 @@
 """Points away from their node: derivatives turned into the node's unknowns, joints of rigid bodies, welds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of

@@ -1,7 +1,5 @@
 """Body frames: there and back, rigid velocities, constraint Jacobians, constant matrices."""
 
-from __future__ import annotations
-
 import compiled_elements
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What every feature needs, and that every command compares it with its scene."""
 
-from __future__ import annotations
-
 import pytest
 from combinations import KINDS, TINY, meshes_for
 from conftest import ROOT

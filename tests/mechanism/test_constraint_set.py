@@ -1,7 +1,5 @@
 """Constraints of whole mechanisms: derivatives against differences, patterns, samples side by side."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import quick_return

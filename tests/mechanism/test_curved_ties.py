@@ -1,7 +1,5 @@
 """Ties of second order in the deformation: their value, and derivatives against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What ties frames to meshes: derivatives, rest, large rotation, and the constraints of a mechanism on meshes."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from types import SimpleNamespace
 

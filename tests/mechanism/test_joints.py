@@ -1,7 +1,5 @@
 """Joints in the plane: what their constraints mean, on bodies and on the ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from joint_arrays import jacobian, joint, residual

@@ -1,7 +1,5 @@
 """Rigid kinematics: closed forms, derivatives, revolutions, redundant constraints, and every refusal."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mechanism: numbering, attachments, first guess of the assembly, placing of bodies; and what effects load."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

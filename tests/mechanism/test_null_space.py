@@ -1,7 +1,5 @@
 """The sparse null space: C N = 0, rank, sparsity, redundant rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.linalg

@@ -1,7 +1,5 @@
 """Rigid motion in the plane and in space: placed points, their velocities and accelerations, and frames that move."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,8 +1,6 @@
 """Joints in space: what they hold and leave free, their derivatives, their place on bodies, and the angle of a
 hinge."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

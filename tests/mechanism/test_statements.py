@@ -1,7 +1,5 @@
 """Statements about two frames in both dimensions: derivatives against differences, and what each of them means."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

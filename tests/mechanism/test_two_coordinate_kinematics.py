@@ -1,7 +1,5 @@
 """Rigid kinematics over two coordinates: closed forms, derivatives, revolutions, assembly, and every refusal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar

@@ -1,7 +1,5 @@
 """Meshes of continuum elements from gmsh: their cells, groups, volumes and shapes, and every option refused."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """Matrices and nodes from the files of other programs: every format holds the same body, and says what it lacks."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -138,7 +136,8 @@ MATRIX_CASES = {
     "market, cut in its head": (b"%%MatrixMarket matrix coordinate real sy", "ends before the line of its sizes"),
     "market, comments alone": (b"%%MatrixMarket matrix array real general\n% of\n\n", "ends before the line of its"),
     "market, a size of another file": (
-        b"%%MatrixMarket matrix coordinate real general\n900000000 900000000 1\n1 1 1.0\n", "are its sizes"
+        b"%%MatrixMarket matrix coordinate real general\n900000000 900000000 1\n1 1 1.0\n",
+        "are its sizes",
     ),
     "a row's number damaged": (b"1 1 2.0\n900000000 1 2.0\n", "are its sizes"),
     "zip": (b"PK\x03\x04 and no more", "cannot be read as a matrix"),

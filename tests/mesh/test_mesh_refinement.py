@@ -1,7 +1,5 @@
 """Uniform refinement: same shape, same names, cells in equal parts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

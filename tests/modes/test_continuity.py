@@ -1,7 +1,5 @@
 """Continuity of bases: Procrustes, signs, closing a revolution with and without a reflection, crossing, veering."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -148,7 +146,7 @@ class Family:
     vectors: np.ndarray  # (n, n_rows, m)
 
     @classmethod
-    def of(cls, matrix: Callable[[float], np.ndarray], theta: np.ndarray, m: int) -> Family:
+    def of(cls, matrix: Callable[[float], np.ndarray], theta: np.ndarray, m: int) -> "Family":
         random = np.random.default_rng(0)
         pairs = [np.linalg.eigh(matrix(value)) for value in theta]
         vectors = np.array([vector[:, :m] * random.choice([-1.0, 1.0], m) for _, vector in pairs])

@@ -1,7 +1,5 @@
 """Named outputs from the frames of nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The reduced equations for two rigid coordinates, with made-up tables: against their Lagrangian, and in motion."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The reduced equations of motion: kernel against numpy, and both against the Lagrangian and the flexible mechanism."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The interpolated terms of the reduced equations of motion: rigid inertia, coupling b, and where they stand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

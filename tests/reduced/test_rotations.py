@@ -1,7 +1,5 @@
 """Rotations by a vector: against scipy, and their change against differences, small angles and large ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Tables that interpolation makes indefinite are noticed, with the place and what helps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

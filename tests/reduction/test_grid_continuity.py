@@ -1,7 +1,5 @@
 """Continuity of bases over a grid of two coordinates: groups, holonomies, reflections, and what cannot be followed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product

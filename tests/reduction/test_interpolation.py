@@ -1,7 +1,5 @@
 """Interpolation: order, exactness, continuity, slopes, ends of the range, and the samples that a scheme wants."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """The comparison with the paper: rules of the verdicts, measures, tables and messages."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

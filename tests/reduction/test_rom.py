@@ -1,7 +1,5 @@
 """The reduced-order model: its tables are projections, its file comes back, and every damaged file is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sampled configurations: where they lie, whether at equal distances, two revolutions, what lies in their range."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

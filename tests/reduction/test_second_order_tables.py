@@ -1,7 +1,5 @@
 """Tables of second order: packed pairs, other bases, two revolutions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Parameters outside what a reduced model was built for: counted, warned of, refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import SMALL, paper_scene, rom_of
@@ -37,10 +35,7 @@ def test_what_a_build_tries_is_served_and_loads_may_be_anything(served: dict[str
     ("change", "line"),
     [
         ("parameters.r1.value=2.9e-3", "parameters.r1.value = 0.0029: outside [0.00308"),
-        (
-            'parameters.r1.distribution={name="norm", loc=7.5e-3, scale=0.5e-3}',
-            "parameters.r1.distribution: 11 % of it lie outside",
-        ),
+        ('parameters.r1.distribution={name="norm", loc=7.5e-3, scale=0.5e-3}', "parameters.r1.distribution: 11 % of"),
     ],
 )
 def test_a_value_and_a_distribution_outside_are_warned_of(served: dict[str, Served], change: str, line: str) -> None:
@@ -52,10 +47,7 @@ def test_a_value_and_a_distribution_outside_are_warned_of(served: dict[str, Serv
     ("change", "line"),
     [
         ("parameters.r1.value=11e-3", "parameters.r1.value = 0.011: beyond what the reduced model serves, [0.000"),
-        (
-            'parameters.r1.distribution={name="uniform", loc=10e-3, scale=1.9e-3}',
-            "and the greater part beyond what it serves",
-        ),
+        ('parameters.r1.distribution={name="uniform", loc=10e-3, scale=1.9e-3}', "and the greater part beyond what"),
     ],
 )
 def test_a_value_and_a_distribution_far_beyond_are_refused(served: dict[str, Served], change: str, line: str) -> None:

@@ -1,7 +1,5 @@
 """Reduced tables: other bases, two revolutions, frequencies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Interpolation over two coordinates: the tensor product of the schemes along each axis."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Needs Chromium, which `scripts/setup --tests` installs from Debian's packages; without any these tests are skipped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

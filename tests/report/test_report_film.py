@@ -1,7 +1,5 @@
 """The film of a page: bodies are where the run has them, in the colours of its stress, with the file's figures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -23,8 +21,7 @@ from pgmp_petsc.figures.motion import coarsened, outer_faces, triangles
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.report import film as module_of_films
 from pgmp_petsc.report.film import SHADES, SIZE, Film, film_of
-from pgmp_petsc.report.page import write_report
-from pgmp_petsc.report.section import film_words
+from pgmp_petsc.report.page import film_words, write_report
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField
@@ -134,7 +131,9 @@ def test_a_peak_between_frames_is_that_of_an_output() -> None:
     """Frames know 3 MPa at most; an output of the body peaks at 4.33 between two, one of another body higher."""
     run = block_run()
     before = film_of(run)
-    scene = run.record.scene_toml + """
+    scene = (
+        run.record.scene_toml
+        + """
 [outputs.squeezed]
 type = "stress"
 body = "block"
@@ -144,6 +143,7 @@ type = "stress"
 body = "elsewhere"
 quantity = "von_mises"
 """
+    )
     squeezed = np.zeros(run.time.size)
     squeezed[1] = 4.33e6
     outputs = run.outputs | {"squeezed": squeezed, "other": 3.0 * squeezed}

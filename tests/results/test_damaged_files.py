@@ -3,8 +3,6 @@
 PGMP_FUZZ=10 .venv/bin/python -m pytest tests/results/test_damaged_files.py        ten times as many cases
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Results survive their files, and refuse shapes that do not fit together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Extremes of histories, and what parameters do to them, against closed forms and differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

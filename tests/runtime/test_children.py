@@ -1,7 +1,5 @@
 """Child processes: what they return, their limits, and that none outlives its parent."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

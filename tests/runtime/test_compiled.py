@@ -1,7 +1,5 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess
@@ -269,33 +267,60 @@ def test_an_entry_is_kept_without_what_others_would_take_up(module: Path) -> Non
     assert len(kept) == len(sizes) == 2 and max(kept) < min(sizes)
 
 
-def test_what_is_kept_is_marked_by_the_text_of_all_that_is_imported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+CALLED = """
+import numpy as np
+from pgmp_petsc.runtime.compiled import njit
+FACTOR, TABLE, OTHER = 2.0, np.arange(3.0), 5.0
+
+@njit(cache=True)
+def inner(x):
+    return FACTOR * x + TABLE[0]
+
+@njit(cache=True, apart=lambda x: x)
+def called_by_address(x):
+    return 3.0 * x
+
+@njit(cache=True)
+def not_called(x):
+    return OTHER * x
+
+@njit(cache=True)
+def outer(x):
+    'Words.'
+    return inner(x) + called_by_address(x)
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "differs"),
+    [
+        ("FACTOR, TABLE, OTHER = 2.0", "FACTOR, TABLE, OTHER = 2.5", True),
+        ("np.arange(3.0)", "np.ones(3)", True),
+        ("FACTOR * x + TABLE", "FACTOR * x - TABLE", True),
+        ("cache=True)\ndef inner", "cache=True, fastmath=True)\ndef inner", True),
+        ("lambda x: x", "lambda x: x if x else x", True),
+        ("inner(x) + called", "inner(x) - called", True),
+        ("return 3.0", "return 4.0", False),
+        ("5.0", "6.0", False),
+        ("OTHER * x", "OTHER + x", False),
+        ("Words.", "Others.", False),
+    ],
+)
+def test_what_is_kept_is_marked_by_all_that_is_compiled_into_it(old: str, new: str, differs: bool) -> None:
     """Numba looks at the function's own file alone: code of a module that it calls would stay what it was."""
-    package = tmp_path / "pgmp_petsc"
-    (package / "room").mkdir(parents=True)
-    texts = {
-        "__init__.py": "", "room/__init__.py": "", "room/called.py": "from pgmp_petsc.other import X\n",
-        "room/caller.py": "from pgmp_petsc.room import (\n    called,\n)\n", "other.py": "X = 1\n", "apart.py": "X = 1\n",
-    }  # fmt: skip
-    for name, text in texts.items():
-        (package / name).write_text(text)
-    monkeypatch.setattr(compiled, "PACKAGE", package)
+    marks = []
+    for text in (CALLED, CALLED.replace(old, new)):
+        names: dict = {"__name__": "called"}
+        exec(text, names)
+        marks.append(compiled.compiled_mark(names["outer"].py_func))
+    assert CALLED.count(old) == 1 and (marks[0] != marks[1]) == differs
 
-    def mark() -> str | None:
-        compiled._file_of.cache_clear()
-        compiled._text_of.cache_clear()
-        return compiled.source_mark("pgmp_petsc.room.caller")
 
-    first = mark()
-    (package / "apart.py").write_text("X = 2\n")
-    assert mark() == first
-    (package / "other.py").write_text("X = 2\n")
-    assert first is not None and mark() != first
-    compiled._file_of.cache_clear()
-    compiled._text_of.cache_clear()
-    assert compiled.source_mark("numpy.linalg") is None
+def test_a_value_whose_changes_nothing_tells_is_refused() -> None:
+    names: dict = {"__name__": "called"}
+    exec(CALLED.replace("FACTOR, TABLE, OTHER = 2.0,", "FACTOR, TABLE, OTHER = object(),"), names)
+    with pytest.raises(TypeError, match="object"):
+        compiled.compiled_mark(names["outer"].py_func)
 
 
 def test_functions_apart(tmp_path: Path):

@@ -1,7 +1,5 @@
 """Groups of ranks: who belongs to which, and which configurations a group works on."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +21,7 @@ class World:
     key: int = -1
     freed: bool = False
 
-    def Split(self, color: int, key: int) -> World:  # noqa: N802, mpi4py's name
+    def Split(self, color: int, key: int) -> "World":  # noqa: N802, mpi4py's name
         """Return this rank's part; groups are contiguous, so the rank within follows from the color."""
         return World(0 if color == 0 and key == 0 else self.rank, self.size, color, key)
 

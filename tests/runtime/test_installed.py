@@ -1,7 +1,5 @@
 """What this Python has of MPI and PETSc, and one rank in place of a communicator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

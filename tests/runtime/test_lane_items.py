@@ -1,7 +1,5 @@
 """Kernels written once for numbers and for vectors, and the references by which they are given their arrays."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

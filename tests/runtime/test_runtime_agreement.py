@@ -1,7 +1,5 @@
 """Agreement between ranks: the same failure everywhere, and no rank left waiting."""
 
-from __future__ import annotations
-
 import pytest
 
 RANKS = (1, 3)

@@ -1,7 +1,5 @@
 """Result files: whole or not there, and every reason to refuse one."""
 
-from __future__ import annotations
-
 import os
 import resource
 from types import SimpleNamespace
@@ -14,7 +12,16 @@ from sealed import resealed
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime import files
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import FORMAT_VERSION, RunRecord, open_file, put, take, write_file
+from pgmp_petsc.runtime.files import (
+    BUILD_AGAIN,
+    FORMAT_VERSION,
+    RunRecord,
+    open_file,
+    put,
+    shapes_of,
+    take,
+    write_file,
+)
 from pgmp_petsc.runtime.resources import Timings
 
 RECORD = RunRecord('[scene]\nname = "x"\n', {"r1": 5.6e-3}, 7, 3, {"write": 0.5, "assemble": 1.0})
@@ -174,9 +181,12 @@ def test_missing_attributes(good):
 
 def test_datasets_that_are_missing_or_of_another_shape(good):
     with open_file(good, "modes") as file:
-        with pytest.raises(InputError, match="dataset '/time' is missing"):
+        with (
+            pytest.raises(InputError, match="is damaged: dataset '/time' is missing; build"),
+            shapes_of(file, BUILD_AGAIN),
+        ):
             take(file, "time", 1)
-        with pytest.raises(InputError, match=r"'/theta' has shape \(3,\); needed: 2"):
+        with pytest.raises(InputError, match=r"'/theta' has shape \(3,\); needed: 2 .*; write"), shapes_of(file):
             take(file, "theta", 2)
 
 

@@ -1,7 +1,5 @@
 """How far work has come: a bar for a terminal, lines elsewhere, on rank 0 and one at a time."""
 
-from __future__ import annotations
-
 import io
 import sys
 import time

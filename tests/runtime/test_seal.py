@@ -1,7 +1,5 @@
 """Seals: everything that is not as it was written is noticed; identities of data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

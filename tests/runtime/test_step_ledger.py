@@ -1,7 +1,5 @@
 """The ledger of a job of several steps: what counts as finished, begun, or failed."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

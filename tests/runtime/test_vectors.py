@@ -1,7 +1,5 @@
 """Samples side by side in registers: arithmetic, polynomials, cells and bordered matrices, each against numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial as series

@@ -1,7 +1,5 @@
 """Distributions beside those of scipy.stats: discrete, empirical, mixtures, tables of slow ones; what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -152,7 +150,7 @@ def test_files_that_have_no_values_are_refused(tmp_path: Path, content: bytes | 
         ('{name="discrete", values=[1.0, 2.0], weights=[0, 0]}', "numbers above 0 are needed"),
         ('{name="discrete", values=[1.0, 2.0], weights=[-1, 2]}', "numbers above 0 are needed"),
         ('{name="mixture", of=[{name="norm"}], weights=[0]}', "numbers above 0 are needed"),
-        ('{name="mixture", of=[{name="norn"}]}', "distribution.of[0].name = \"norn\": no continuous distribution"),
+        ('{name="mixture", of=[{name="norn"}]}', 'distribution.of[0].name = "norn": no continuous distribution'),
         ('{name="mixture", of=[]}', "1 to 10,000 are needed, and 0 are given"),
         ('{name="empirical", values=[]}', "2 to 10,000 are needed, and 0 are given"),
         ('{name="emprical", values=[1.0, 2.0]}', "values = [1.0, 2.0]: no key of emprical"),

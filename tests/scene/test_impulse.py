@@ -1,7 +1,5 @@
 """The impulse of a table, compared with the sum over all steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid

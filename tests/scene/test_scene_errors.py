@@ -1,343 +1,136 @@
 """What a scene may not say: every refusal names the entry, what was received and what is allowed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
+from refusals import cases, check_said
 
-from pgmp_petsc.declare.ideas import OUTPUTS, SECTIONS
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import effects, load_scene, scene_from_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
-POINT_NEEDED = 'a point is needed, written "body:point" or "ground:point"'
-NAME_NEEDED = "a name starts with a letter or _ and goes on with letters, digits, _ or -"
-NUMBER_OR_NAME = "a positive number or the name of a parameter is needed"
-ROW_NEEDED = "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]"
-NO_MOTION = (
-    "numbers are needed, no parameter: a prescribed motion is a constraint, one for all samples; run once for each "
-    "value (--override), or drive the coordinate by a torque, whose amplitude may be a parameter"
+WORDS_OF_LIBRARIES = ("pydantic", "validation error", "input should", "extra_forbidden", "tagged-union")
+ENTRIES = cases(
+    """
+scene.name="" -> = "": text that is not empty is needed
+scene.name=3 -> = 3: text in quotes is needed
+bodies=1 -> = 1: a table is needed
+bodies.crank=1 -> = 1: a table is needed
+coordinates={} -> = {}: at least 1 entry is needed
+materials.steel.nu="r1" -> = "r1": numbers are needed, no parameter: stiffness is no sum of products of parameters with
+materials.steel.nu=0.5 -> = 0.5: must be less than 0.5
+materials.steel.nu=-1 -> = -1: must be greater than -1.0
+materials.steel.nu=nan -> = nan: a finite number is needed
+materials.steel.E=inf -> = inf: a positive number or the name of a parameter is needed
+materials.steel.rho=0 -> = 0: a positive number or the name of a parameter is needed
+materials.steel.rho=HUGE -> = 10000000000000000000000000000000000000000000000000000000 ...: a positive number or the
+bodies.rod.section.radius=true -> = true: a positive number or the name of a parameter is needed
+effects.motor.scale=nan -> = nan: a finite number or the name of a parameter is needed
+reduction.modes=1.5 -> = 1.5: an integer is needed
+reduction.modes=0 -> = 0: must be at least 1
+reduction.angles=3 -> = 3: must be at least 4
+reduction.preload=1 -> = 1: true or false is needed
+reduction.spring_modes="no" -> = "no": true or false is needed
+simulation.spectral_radius=1.1 -> = 1.1: must be at most 1.0
+simulation.frames=-1 -> = -1: must be at least 0
+simulation.duration=0 -> = 0: must be greater than 0.0
+simulation.step=2 -> = 2: must not exceed the duration, 1.0 s
+simulation.duration=1e-4 -> simulation.step = 0.001: must not exceed the duration, 0.0001 s
+ensemble.quantiles=[0.5, 1] -> ensemble.quantiles[1] = 1: must be less than 1.0
+ensemble.quantiles=0.5 -> = 0.5: a list in brackets is needed
+ensemble.batch=0 -> = 0: must be at least 1
+ensemble.checked_share=1.1 -> = 1.1: must be at most 1.0
+simulation.error_indicator=1 -> = 1: true or false is needed
+coordinates.theta.periodic=1 -> = 1: true or false is needed
+coordinates.theta.range=[0, 1] -> = [0, 1]: the range of a periodic coordinate is 2 pi = 6.283185307179586 long
+coordinates.theta.range=[1, 1] -> = [1, 1]: the first number must be below the second
+coordinates.theta.range=[1] -> = [1]: two finite numbers in brackets are needed, such as [0.0, 1.0]
+joints.slider.direction=[0, 0] -> = [0, 0]: a direction other than [0, 0] is needed
+effects.motor.table=[] -> = []: at least 1 entry is needed
+effects.motor.table=[[0, 1], [1, nan]] -> effects.motor.table[1] = [1, nan]: a finite number, and one or the name of a
+effects.motor.table=[[0, 1], ["r1", 1]] -> effects.motor.table[1] = ["r1", 1]: a finite number, and one or the name of a
+effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="p",frequency_hz=2.0}} -> \
+    effects.motor.harmonic.amplitude = "p": there is no such parameter; known: r1
+effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="r1",frequency_hz=2.0},scale="r2"} -> \
+    effects.motor.scale = "r2": a number is needed: values over time name r1, and loads are affine in their parameters
+effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude=1.0,frequency_hz="r1"}} -> \
+    effects.motor.harmonic.frequency_hz = "r1": numbers are needed, no parameter: loads are affine in their parameters
+effects.drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.0],[1.0,"r1"]]} -> \
+    effects.drive.table = [[0.0, 0.0], [1.0, "r1"]]: numbers are needed, no parameter: a prescribed motion is a
+effects.drive={type="prescribed_motion",coordinate="theta",spin_up={speed="r1",time=1.0}} -> \
+    effects.drive.spin_up.speed = "r1": numbers are needed, no parameter: a prescribed motion is a constraint, one for
+effects.loss={type="structural_damping",ratios=[0.1,"r1"]} -> effects.loss.ratios = [0.1, "r1"]: numbers are needed, no
+simulation.initial.theta.position="r1" -> = "r1": numbers are needed, no parameter: displacements, and the turns of
+effects.motor.table=[[0, 1], [0, 2]] -> = [[0, 1], [0, 2]]: times must increase strictly, but 0.0 s follows 0.0 s
+foo=1 -> = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints, coordinates, effects
+bodies.crank.section.radus=0.1 -> = 0.1: unknown key; did you mean 'radius'? (allowed: shape, radius)
+bodies.crank.section.circle=1 -> = 1: unknown key (allowed: shape, radius)
+bodies.crank.section={shape='circle', circle=1} -> \
+    bodies.crank.section.radius: missing; needed: radius || bodies.crank.section.circle = 1: unknown key (allowed:
+scene={} -> scene.name: missing; needed: short name, used in reports and titles
+bodies.crank.element='beam4d' -> = "beam4d": unknown; did you mean 'beam3d'? (allowed: beam2d, beam3d, solid2d, solid3d)
+outputs.slider_position.axis='w' -> = "w": unknown (allowed: x, y, z)
+outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
+outputs.slider_position.axis=1 -> = 1: unknown (allowed: x, y, z)
+effects.motor=3 -> = 3: a table is needed
+effects.motor={} -> effects.motor.type: missing
+effects.motor.type='torqe' -> = "torqe": unknown; did you mean 'torque'?
+outputs.a.type='pace' -> = "pace": unknown
+bodies.crank.section.shape=1 -> = 1: unknown
+effects."my motor"={type="gravity"} -> : a name starts with a letter or _ and goes on with letters, digits, _ or -
+ground.points."a:b"=[0,1] -> : a name starts with a letter or _ and goes on with letters, digits, _ or -
+ground.points.origin=[0, 1] -> = [0, 1]: the ground's origin is always at [0, 0]; give the point another name
+parameters.r1.nominal=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012]
+parameters.r1.value=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012]
+parameters.r1.bounds=[2, 1] -> = [2, 1]: the first number must be below the second
+parameters.r1.distribution=3 -> = 3: a table is needed
+parameters.r1.distribution.loc='a' -> = "a": a number is needed
+parameters.r1.distribution.loc=inf -> = inf: a finite number is needed
+parameters.r1.distribution.scale=-1 -> = -1: a positive number is needed
+parameters.r1.distribution.sale=2 -> = 2: unknown argument of norm; did you mean 'scale'? (allowed: loc, scale)
+parameters.r1.distribution.name='normm' -> = "normm": no continuous distribution of scipy.stats; did you mean 'norm'?
+parameters.r1.distribution.name='###' -> = "###": no continuous distribution of scipy.stats; known are norm, uniform
+parameters.r1.distribution={name='beta', a=1} -> parameters.r1.distribution.b: missing; beta needs the shape parameters
+parameters.r1.distribution={name='beta', a=-1, b=2} -> = { name = "beta", a = -1, b = 2 }: scipy.stats refuses these
+parameters.r1.distribution.loc=1 -> \
+    parameters.r1.distribution = { name = "norm", loc = 1, scale = 0.00056 }: gives no samples inside the parameter's
+parameters.r1.distribution={name='vonmises', kappa=2, loc=6e-3, scale=5e-4} -> \
+    = { name = "vonmises", kappa = 2, loc = 0.006, scale = 0.0 ...: has -1.01 of its samples below the parameter's
+joints.elbow.connect=['crank:tip'] -> = ["crank:tip"]: two points in brackets are needed, such as ["ground:origin"
+joints.elbow.connect=['crank:tip', 'rod'] -> joints.elbow.connect[1] = "rod": a point is needed, written "body:point" or
+joints.elbow.connect=['crank:', 'rod:tip'] -> joints.elbow.connect[0] = "crank:": a point is needed, written
+joints.elbow.connect=['crank:tip', 1] -> joints.elbow.connect[1] = 1: a point is needed, written "body:point" or
+bodies.crank.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
+bodies.crank.section.radius='r2' -> = "r2": there is no such parameter; known: r1
+effects.motor.scale='gain' -> = "gain": there is no such parameter; known: r1
+parameters={} -> bodies.crank.section.radius = "r1": there is no such parameter; none is defined
+parameters.r1={nominal=-1} -> parameters.r1.nominal = -1.0: must be positive, because bodies.crank.section.radius uses
+parameters.r1={nominal=1, value=0} -> parameters.r1.value = 0.0: must be positive, because bodies.crank.section.radius
+joints.elbow.connect=['crank:tip', 'rd:hinge'] -> = "rd:hinge": there is no body 'rd'; did you mean 'rod'?
+joints.elbow.connect=['ground:orign', 'rod:hinge'] -> = "ground:orign": there is no such ground point; did you mean
+joints.elbow.connect=['crank:tip', 'crank:hinge'] -> = ["crank:tip", "crank:hinge"]: a joint connects two different
+joints.a={type='revolute', connect=['ground:origin', 'ground:origin']} -> \
+    joints.a.connect = ["ground:origin", "ground:origin"]: a joint connects two different bodies, or a body and the
+coordinates.theta.joint='elbw' -> = "elbw": there is no such revolute joint; did you mean 'elbow'?
+coordinates.theta.joint='slider' -> = "slider": a revolute joint is needed, this one is a point_on_line (allowed:
+coordinates.phi={joint='crank_hinge', range=[-1, 1]} -> coordinates.phi.joint = "crank_hinge": coordinates.theta has the
+effects.motor.joint='motor' -> = "motor": there is no such revolute joint; known: crank_hinge, elbow
+outputs.crank_angle.joint='slider' -> = "slider": a revolute joint is needed, this one is a point_on_line (allowed:
+outputs.time={type="angle", joint="crank_hinge"} -> : result files keep instants under this name; give the output
+outputs.slider_position.point='rd:tip' -> = "rd:tip": there is no body 'rd'; did you mean 'rod'?
+outputs.slider_position.point='ground:origin' -> = "ground:origin": a point of a body is needed; the ground does not
+simulation.initial.thet={} -> : there is no such coordinate; did you mean 'theta'?
+""".replace("HUGE", "1" + 400 * "0")
 )
-PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
-
-# One override of the shipped scene, and the one line that it is answered with.
-EFFECTS = ", ".join(effects.EFFECTS.names)
-ENTRIES = [
-    # kinds of values
-    ('scene.name=""', 'scene.name = "": text that is not empty is needed'),
-    ("scene.name=3", "scene.name = 3: text in quotes is needed"),
-    ("bodies=1", "bodies = 1: a table is needed"),
-    ("bodies.crank=1", "bodies.crank = 1: a table is needed"),
-    ("coordinates={}", "coordinates = {}: at least 1 entry is needed"),
-    (
-        'materials.steel.nu="r1"',
-        'materials.steel.nu = "r1": numbers are needed, no parameter: stiffness is no sum of products of parameters '
-        "with it; build once for each value (--override)",
-    ),
-    ("materials.steel.nu=0.5", "materials.steel.nu = 0.5: must be less than 0.5"),
-    ("materials.steel.nu=-1", "materials.steel.nu = -1: must be greater than -1.0"),
-    ("materials.steel.nu=nan", "materials.steel.nu = nan: a finite number is needed"),
-    ("materials.steel.E=inf", f"materials.steel.E = inf: {NUMBER_OR_NAME}"),
-    ("materials.steel.rho=0", f"materials.steel.rho = 0: {NUMBER_OR_NAME}"),
-    ("materials.steel.rho=1" + 400 * "0", f"materials.steel.rho = 1{55 * '0'} ...: {NUMBER_OR_NAME}"),
-    ("bodies.rod.section.radius=true", f"bodies.rod.section.radius = true: {NUMBER_OR_NAME}"),
-    (
-        "effects.motor.scale=nan",
-        "effects.motor.scale = nan: a finite number or the name of a parameter is needed",
-    ),
-    ("reduction.modes=1.5", "reduction.modes = 1.5: an integer is needed"),
-    ("reduction.modes=0", "reduction.modes = 0: must be at least 1"),
-    ("reduction.angles=3", "reduction.angles = 3: must be at least 4"),
-    ("reduction.preload=1", "reduction.preload = 1: true or false is needed"),
-    ('reduction.spring_modes="no"', 'reduction.spring_modes = "no": true or false is needed'),
-    ("simulation.spectral_radius=1.1", "simulation.spectral_radius = 1.1: must be at most 1.0"),
-    ("simulation.frames=-1", "simulation.frames = -1: must be at least 0"),
-    ("simulation.duration=0", "simulation.duration = 0: must be greater than 0.0"),
-    ("simulation.step=2", "simulation.step = 2: must not exceed the duration, 1.0 s"),
-    ("simulation.duration=1e-4", "simulation.step = 0.001: must not exceed the duration, 0.0001 s"),
-    ("ensemble.quantiles=[0.5, 1]", "ensemble.quantiles[1] = 1: must be less than 1.0"),
-    ("ensemble.quantiles=0.5", "ensemble.quantiles = 0.5: a list in brackets is needed"),
-    ("ensemble.batch=0", "ensemble.batch = 0: must be at least 1"),
-    ("ensemble.checked_share=1.1", "ensemble.checked_share = 1.1: must be at most 1.0"),
-    ("simulation.error_indicator=1", "simulation.error_indicator = 1: true or false is needed"),
-    ("coordinates.theta.periodic=1", "coordinates.theta.periodic = 1: true or false is needed"),
-    (
-        "coordinates.theta.range=[0, 1]",
-        ("coordinates.theta.range = [0, 1]: the range of a periodic coordinate is 2 pi = 6.283185307179586 long"),
-    ),
-    (
-        "coordinates.theta.range=[1, 1]",
-        "coordinates.theta.range = [1, 1]: the first number must be below the second",
-    ),
-    ("coordinates.theta.range=[1]", f"coordinates.theta.range = [1]: {PAIR_NEEDED}"),
-    (
-        "joints.slider.direction=[0, 0]",
-        "joints.slider.direction = [0, 0]: a direction other than [0, 0] is needed",
-    ),
-    ("effects.motor.table=[]", "effects.motor.table = []: at least 1 entry is needed"),
-    ("effects.motor.table=[[0, 1], [1, nan]]", f"effects.motor.table[1] = [1, nan]: {ROW_NEEDED}"),
-    ('effects.motor.table=[[0, 1], ["r1", 1]]', f'effects.motor.table[1] = ["r1", 1]: {ROW_NEEDED}'),
-    (
-        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="p",frequency_hz=2.0}}',
-        'effects.motor.harmonic.amplitude = "p": there is no such parameter; known: r1',
-    ),
-    (
-        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude="r1",frequency_hz=2.0},scale="r2"}',
-        'effects.motor.scale = "r2": a number is needed: values over time name r1, and loads are affine in their '
-        "parameters; give these values numbers, or leave the scale out",
-    ),
-    (
-        'effects.motor={type="torque",joint="crank_hinge",harmonic={amplitude=1.0,frequency_hz="r1"}}',
-        'effects.motor.harmonic.frequency_hz = "r1": numbers are needed, no parameter: loads are affine in their '
-        "parameters, which frequencies and phases are not; two harmonics of one frequency a quarter of a turn apart "
-        "have any phase, by their amplitudes; run once for each frequency (--override)",
-    ),
-    (
-        'effects.drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.0],[1.0,"r1"]]}',
-        f'effects.drive.table = [[0.0, 0.0], [1.0, "r1"]]: {NO_MOTION}',
-    ),
-    (
-        'effects.drive={type="prescribed_motion",coordinate="theta",spin_up={speed="r1",time=1.0}}',
-        f'effects.drive.spin_up.speed = "r1": {NO_MOTION}',
-    ),
-    (
-        'effects.loss={type="structural_damping",ratios=[0.1,"r1"]}',
-        'effects.loss.ratios = [0.1, "r1"]: numbers are needed, no parameter: matrices of structural damping are made '
-        "once for all samples; build once for each value (--override), or damp joints, springs or bushings, whose "
-        "coefficients may be parameters",
-    ),
-    (
-        'simulation.initial.theta.position="r1"',
-        'simulation.initial.theta.position = "r1": numbers are needed, no parameter: displacements, and the turns of '
-        "angles, count from one place for all samples; run once for each position (--override), or start from one "
-        "place with a velocity, which may be a parameter",
-    ),
-    (
-        "effects.motor.table=[[0, 1], [0, 2]]",
-        "effects.motor.table = [[0, 1], [0, 2]]: times must increase strictly, but 0.0 s follows 0.0 s",
-    ),
-    # unknown keys, missing keys, kinds of tables
-    (
-        "foo=1",
-        (
-            "foo = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints,"
-            " coordinates, effects, reduction, initial, simulation, reference, correlation, fields, ensemble, outputs)"
-        ),
-    ),
-    (
-        "bodies.crank.section.radus=0.1",
-        "bodies.crank.section.radus = 0.1: unknown key; did you mean 'radius'? (allowed: shape, radius)",
-    ),
-    (
-        "bodies.crank.section.circle=1",
-        "bodies.crank.section.circle = 1: unknown key (allowed: shape, radius)",
-    ),
-    (
-        "bodies.crank.section={shape='circle', circle=1}",
-        (
-            "bodies.crank.section.radius: missing; needed: radius (m), a number or a parameter's name\n"
-            "bodies.crank.section.circle = 1: unknown key (allowed: shape, radius)"
-        ),
-    ),
-    ("scene={}", "scene.name: missing; needed: short name, used in reports and titles"),
-    (
-        "bodies.crank.element='beam4d'",
-        "bodies.crank.element = \"beam4d\": unknown; did you mean 'beam3d'? "
-        "(allowed: beam2d, beam3d, solid2d, solid3d)",
-    ),
-    ("outputs.slider_position.axis='w'", 'outputs.slider_position.axis = "w": unknown (allowed: x, y, z)'),
-    ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),
-    ("outputs.slider_position.axis=1", "outputs.slider_position.axis = 1: unknown (allowed: x, y, z)"),
-    ("effects.motor=3", "effects.motor = 3: a table is needed"),
-    ("effects.motor={}", f"effects.motor.type: missing (allowed: {EFFECTS})"),
-    (
-        "effects.motor.type='torqe'",
-        f"effects.motor.type = \"torqe\": unknown; did you mean 'torque'? (allowed: {EFFECTS})",
-    ),
-    (
-        "outputs.a.type='pace'",
-        f'outputs.a.type = "pace": unknown (allowed: {", ".join(OUTPUTS.names)})',
-    ),
-    (
-        "bodies.crank.section.shape=1",
-        f'bodies.crank.section.shape = 1: unknown (allowed: {", ".join(SECTIONS.names)})',
-    ),
-    ('effects."my motor"={type="gravity"}', f'effects."my motor": {NAME_NEEDED}'),
-    ('ground.points."a:b"=[0,1]', f'ground.points."a:b": {NAME_NEEDED}'),
-    (
-        "ground.points.origin=[0, 1]",
-        "ground.points.origin = [0, 1]: the ground's origin is always at [0, 0]; give the point another name",
-    ),
-    # parameters
-    (
-        "parameters.r1.nominal=1",
-        "parameters.r1.nominal = 1: must lie inside the parameter's bounds [0.001, 0.012]",
-    ),
-    (
-        "parameters.r1.value=1",
-        "parameters.r1.value = 1: must lie inside the parameter's bounds [0.001, 0.012]",
-    ),
-    (
-        "parameters.r1.bounds=[2, 1]",
-        "parameters.r1.bounds = [2, 1]: the first number must be below the second",
-    ),
-    ("parameters.r1.distribution=3", "parameters.r1.distribution = 3: a table is needed"),
-    ("parameters.r1.distribution.loc='a'", 'parameters.r1.distribution.loc = "a": a number is needed'),
-    ("parameters.r1.distribution.loc=inf", "parameters.r1.distribution.loc = inf: a finite number is needed"),
-    (
-        "parameters.r1.distribution.scale=-1",
-        "parameters.r1.distribution.scale = -1: a positive number is needed",
-    ),
-    (
-        "parameters.r1.distribution.sale=2",
-        ("parameters.r1.distribution.sale = 2: unknown argument of norm; did you mean 'scale'? (allowed: loc, scale)"),
-    ),
-    (
-        "parameters.r1.distribution.name='normm'",
-        (
-            'parameters.r1.distribution.name = "normm": no continuous '
-            "distribution of scipy.stats; did you mean 'norm'?"
-        ),
-    ),
-    (
-        "parameters.r1.distribution.name='###'",
-        (
-            'parameters.r1.distribution.name = "###": no continuous distribution '
-            "of scipy.stats; known are norm, uniform, lognorm, truncnorm, "
-            "weibull_min, ..., and discrete, empirical, mixture"
-        ),
-    ),
-    (
-        "parameters.r1.distribution={name='beta', a=1}",
-        "parameters.r1.distribution.b: missing; beta needs the shape parameters a, b",
-    ),
-    (
-        "parameters.r1.distribution={name='beta', a=-1, b=2}",
-        ('parameters.r1.distribution = { name = "beta", a = -1, b = 2 }: scipy.stats refuses these arguments of beta'),
-    ),
-    (
-        "parameters.r1.distribution.loc=1",
-        (
-            'parameters.r1.distribution = { name = "norm", loc = 1, scale = 0.00056 }: '
-            "gives no samples inside the parameter's bounds [0.001, 0.012]"
-        ),
-    ),
-    (
-        "parameters.r1.distribution={name='vonmises', kappa=2, loc=6e-3, scale=5e-4}",
-        (
-            'parameters.r1.distribution = { name = "vonmises", kappa = 2, loc = 0.006, scale = 0.0 ...: '
-            "has -1.01 of its samples below the parameter's bounds [0.001, 0.012] and 2.24 below their upper end, "
-            "which are no shares, as it repeats itself within them; take narrower bounds, or another distribution"
-        ),
-    ),
-    # points
-    (
-        "joints.elbow.connect=['crank:tip']",
-        (
-            'joints.elbow.connect = ["crank:tip"]: two points in brackets are needed, '
-            'such as ["ground:origin", "crank:hinge"]'
-        ),
-    ),
-    ("joints.elbow.connect=['crank:tip', 'rod']", f'joints.elbow.connect[1] = "rod": {POINT_NEEDED}'),
-    ("joints.elbow.connect=['crank:', 'rod:tip']", f'joints.elbow.connect[0] = "crank:": {POINT_NEEDED}'),
-    ("joints.elbow.connect=['crank:tip', 1]", f"joints.elbow.connect[1] = 1: {POINT_NEEDED}"),
-    # references
-    (
-        "bodies.crank.material='stel'",
-        "bodies.crank.material = \"stel\": there is no such material; did you mean 'steel'?",
-    ),
-    (
-        "bodies.crank.section.radius='r2'",
-        'bodies.crank.section.radius = "r2": there is no such parameter; known: r1',
-    ),
-    ("effects.motor.scale='gain'", 'effects.motor.scale = "gain": there is no such parameter; known: r1'),
-    ("parameters={}", 'bodies.crank.section.radius = "r1": there is no such parameter; none is defined'),
-    (
-        "parameters.r1={nominal=-1}",
-        "parameters.r1.nominal = -1.0: must be positive, because bodies.crank.section.radius uses it",
-    ),
-    (
-        "parameters.r1={nominal=1, value=0}",
-        "parameters.r1.value = 0.0: must be positive, because bodies.crank.section.radius uses it",
-    ),
-    (
-        "joints.elbow.connect=['crank:tip', 'rd:hinge']",
-        "joints.elbow.connect = \"rd:hinge\": there is no body 'rd'; did you mean 'rod'?",
-    ),
-    (
-        "joints.elbow.connect=['ground:orign', 'rod:hinge']",
-        ("joints.elbow.connect = \"ground:orign\": there is no such ground point; did you mean 'ground:origin'?"),
-    ),
-    (
-        "joints.elbow.connect=['crank:tip', 'crank:hinge']",
-        (
-            'joints.elbow.connect = ["crank:tip", "crank:hinge"]: a joint connects two different bodies, or a'
-            " body and the ground; both points are on crank"
-        ),
-    ),
-    (
-        "joints.a={type='revolute', connect=['ground:origin', 'ground:origin']}",
-        (
-            'joints.a.connect = ["ground:origin", "ground:origin"]: a joint connects two different bodies, or'
-            " a body and the ground; both points are on ground"
-        ),
-    ),
-    (
-        "coordinates.theta.joint='elbw'",
-        "coordinates.theta.joint = \"elbw\": there is no such revolute joint; did you mean 'elbow'?",
-    ),
-    (
-        "coordinates.theta.joint='slider'",
-        (
-            'coordinates.theta.joint = "slider": a revolute joint is needed, this one '
-            "is a point_on_line (allowed: crank_hinge, elbow)"
-        ),
-    ),
-    (
-        "coordinates.phi={joint='crank_hinge', range=[-1, 1]}",
-        (
-            'coordinates.phi.joint = "crank_hinge": coordinates.theta has the same joint; each joint may'
-            " serve one coordinate"
-        ),
-    ),
-    (
-        "effects.motor.joint='motor'",
-        'effects.motor.joint = "motor": there is no such revolute joint; known: crank_hinge, elbow',
-    ),
-    (
-        "outputs.crank_angle.joint='slider'",
-        (
-            'outputs.crank_angle.joint = "slider": a revolute joint is needed, this '
-            "one is a point_on_line (allowed: crank_hinge, elbow)"
-        ),
-    ),
-    (
-        'outputs.time={type="angle", joint="crank_hinge"}',
-        "outputs.time: result files keep instants under this name; give the output another one",
-    ),
-    (
-        "outputs.slider_position.point='rd:tip'",
-        "outputs.slider_position.point = \"rd:tip\": there is no body 'rd'; did you mean 'rod'?",
-    ),
-    (
-        "outputs.slider_position.point='ground:origin'",
-        ('outputs.slider_position.point = "ground:origin": a point of a body is needed; the ground does not move'),
-    ),
-    (
-        "simulation.initial.thet={}",
-        "simulation.initial.thet: there is no such coordinate; did you mean 'theta'?",
-    ),
-]
 
 
-@pytest.mark.parametrize(("override", "message"), ENTRIES, ids=[override[:50] for override, _ in ENTRIES])
-def test_a_wrong_entry_is_explained(override: str, message: str) -> None:
+@pytest.mark.parametrize(("override", "said"), ENTRIES, ids=[override[:50] for override, _ in ENTRIES])
+def test_a_wrong_entry_is_explained(override: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         load_scene(SLIDER_CRANK, [override])
-    assert str(caught.value) == message
-    assert caught.value.exit_status == 2
+    check_said(str(caught.value), said, override)
+    assert caught.value.exit_status == 2 and not any(word in str(caught.value).lower() for word in WORDS_OF_LIBRARIES)
 
 
 @pytest.mark.parametrize(("initial", "position"), [("", "0.0"), ("theta = { position = 9 }", "9.0")])
@@ -385,12 +178,6 @@ def test_many_problems_are_cut_to_eight_lines() -> None:
     assert len(lines) == 8
     assert lines[6:] == ["a6: wrong", "... and 13 more problems"]
     assert str(input_error([f"a{i}: wrong" for i in range(8)])).splitlines()[-1] == "a7: wrong"
-
-
-def test_no_message_speaks_of_pydantic() -> None:
-    everything = "\n".join(message for _, message in ENTRIES).lower()
-    for word in ("pydantic", "validation error", "input should", "extra_forbidden", "tagged-union"):
-        assert word not in everything
 
 
 @pytest.mark.parametrize(

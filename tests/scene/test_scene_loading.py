@@ -1,7 +1,5 @@
 """Scenes from files and back: what is read, resolved and written, and what cannot be read."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

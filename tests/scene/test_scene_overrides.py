@@ -1,7 +1,5 @@
 """Changes from the command line: any entry may be replaced, and what is malformed is explained."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

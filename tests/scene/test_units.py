@@ -1,7 +1,5 @@
 """Units of parameters: converted where they are compatible with what uses the parameter, refused where not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

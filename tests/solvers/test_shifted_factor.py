@@ -1,7 +1,5 @@
 """Factors in memory, in files and for counting: the same answers, and what is said where they cannot be made."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -1,7 +1,5 @@
 """The search for edges of laws within a step: what it asks to be tried, and when it finds them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Steps that end where a law has an edge: a bar that bounces between its stops."""
 
-from __future__ import annotations
-
 import numpy as np
 from effect_scenes import BAR, BAR_INERTIA, line_model, scene_of
 

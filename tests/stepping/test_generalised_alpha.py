@@ -1,7 +1,5 @@
 """Generalised-alpha: coefficients, order, steps, observers, and samples that fail."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from types import SimpleNamespace

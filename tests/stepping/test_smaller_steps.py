@@ -1,7 +1,5 @@
 """Samples that fail are tried again with smaller steps, and nobody else is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

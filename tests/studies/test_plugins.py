@@ -1,7 +1,5 @@
 """Effects in files of users: taken, refused, and named in result files; the one of docs/extending.md in every model."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -35,6 +33,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import tables
 
 LISTING, JOINT = (block.text for block in blocks_of(ROOT / "docs" / "extending.md") if "file" in block.marks)
 OUTPUT = """
@@ -79,10 +78,7 @@ MODELS: dict[str, Callable[[Scene], Trajectory]] = {
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
-    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most.
-
-    The output of another plugin is the place that the program's own output is.
-    """
+    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most."""
     (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
     for path in (line_spring, of_output):
         pgmp.use(path)
@@ -101,48 +97,21 @@ def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: P
 
 
 #: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
-TRAMMEL = """
-[scene]
-name = "trammel"
-[parameters.strength]
-nominal = 1.0
-[materials.stiff]
-E = 2.1e13
-nu = 0.3
-rho = 7850.0
-[bodies.bar]
-line = { length = 1.0, elements = 2 }
-element = "beam3d"
-material = "stiff"
-section = { shape = "circle", radius = 0.02 }
-placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
-[joints.end]
-type = "point_on_line"
-connect = ["ground:origin", "bar:tip"]
-direction = [0.0, 1.0, 0.0]
-[coordinates.theta]
-joint = "held"
-range = [-0.4, 0.6]
-[effects.motor]
-type = "torque"
-joint = "held"
-table = [[0.0, 20.0], [1.0, 20.0]]
-scale = "strength"
-[outputs.angle]
-type = "angle"
-joint = "held"
-[outputs.place]
-type = "position"
-point = "bar:hinge"
-axis = "x"
-[reduction]
-modes = 3
-angles = 12
-interpolation = "spline"
-[simulation]
-duration = 0.3
-step = 2e-3
-"""
+TRAMMEL = tables("""
+scene: name = "trammel"
+parameters.strength: nominal = 1.0
+materials.stiff: E = 2.1e13; nu = 0.3; rho = 7850.0
+bodies.bar: line = { length = 1.0, elements = 2 }; element = "beam3d"; material = "stiff";
+    section = { shape = "circle", radius = 0.02 };
+    placement = { origin = [0.8, 0.0, 0.0], rotation = [0.0, 0.0, 2.498091544796509] }
+joints.end: type = "point_on_line"; connect = ["ground:origin", "bar:tip"]; direction = [0.0, 1.0, 0.0]
+coordinates.theta: joint = "held"; range = [-0.4, 0.6]
+effects.motor: type = "torque"; joint = "held"; table = [[0.0, 20.0], [1.0, 20.0]]; scale = "strength"
+outputs.angle: type = "angle"; joint = "held"
+outputs.place: type = "position"; point = "bar:hinge"; axis = "x"
+reduction: modes = 3; angles = 12; interpolation = "spline"
+simulation: duration = 0.3; step = 2e-3
+""")
 PIN = 'joints.held={type="pin_in_slot", connect=["ground:origin", "bar:hinge"], axis=[0, 0, 1], slot=[1, 0, 0]}'
 GUIDE = 'joints.guide={type="point_on_line", connect=["ground:origin", "bar:hinge"], direction=[1.0, 0.0, 0.0]}'
 #: Joints in which a bar slides and turns in a plane.
@@ -219,6 +188,10 @@ BROKEN = {
     "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
     "a law that names what it has not": (("@", LAW.format("own", "-k * z")), r"mine\.py:2: law own: force: .*'z'"),
     "a law without bounds": (("@", LAW.format("own", "-k / s")), r"mine\.py:2: law own: .* not finite at s = 0"),
+    "a law of other parameters": (
+        (", Quantity(0.0))", ")"),
+        r"mine\.py:3\d: effects\.line_spring: law spring_damper .* parameters k, c, rest, and is given 2; give one for",
+    ),
     "a law of a taken name": (
         ("@", LAW.format("stop", "-k * s")),
         r"mine\.py:2: the name 'stop' is taken by .*laws\.py",
@@ -317,13 +290,10 @@ def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_pa
         RunRecord.read(file)
 
 
-#: One of each kind; the last, whose schema and law disagree, is refused where a scene has it.
-DISAGREEING = "a law of other parameters"
-DISAGREEING_LISTING = LISTING.replace(", Quantity(0.0))", ")").replace('"line_spring"', '"other_spring"')
 IN_COMMANDS = (
     "no Python", "nothing in it", "it fails", "a name that is taken", "a joint of a taken name",
     "no maker", "a law that names what it has not",
-    "a law without bounds",
+    "a law without bounds", "a law of other parameters",
 )  # fmt: skip
 
 
@@ -331,24 +301,21 @@ IN_COMMANDS = (
 def test_commands_take_plugins_and_end_with_one_message(
     mpirun: Callable, line_spring: Path, tmp_path: Path, n_ranks: int
 ) -> None:
-    scene, wrong = tmp_path / "base.toml", [*IN_COMMANDS, DISAGREEING]
+    scene = tmp_path / "base.toml"
     scene.write_text(BASE)
-    for name in wrong:
+    for name in IN_COMMANDS:
         (tmp_path / name).mkdir()
-        text = DISAGREEING_LISTING if name == DISAGREEING else changed(name)
-        (tmp_path / name / "mine.py").write_text(text)
+        (tmp_path / name / "mine.py").write_text(changed(name))
     check = ["check", str(scene), "--override", "reduction.modes=2", "--override", f"effects.e={TABLE}"]
-    commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in wrong]
-    commands[-1][-3] = f"effects.e={TABLE.replace('line_', 'other_')}"
+    commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in IN_COMMANDS]
     commands += [check, [*check, "--plugin", str(line_spring)]]
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
     statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
-    assert statuses == [[2] * n_ranks] * (len(wrong) + 1) + [[0] * n_ranks]
+    assert statuses == [[2] * n_ranks] * (len(IN_COMMANDS) + 1) + [[0] * n_ranks]
     messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
-    disagrees = r"mine\.py:3\d: effects\.e: law spring_damper .* parameters k, c, rest, and is given 2; give one for"
-    for name, message in zip(wrong, messages):
-        assert re.search(disagrees if name == DISAGREEING else BROKEN[name][1], message)
-    assert len(messages) == len(wrong) + 1 and "Traceback" not in done.stderr
+    for name, message in zip(IN_COMMANDS, messages):
+        assert re.search(BROKEN[name][1], message)
+    assert len(messages) == len(IN_COMMANDS) + 1 and "Traceback" not in done.stderr
 
 
 def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:

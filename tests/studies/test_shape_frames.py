@@ -1,26 +1,21 @@
 """Frames of the whole mechanism: beams by their nodes, rigid bodies by the nodes of their shape."""
 
-from __future__ import annotations
-
 import numpy as np
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
 from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.studies.field_frames import shape_frames
+from scenes import tables
 
-FOREARM = """
+FOREARM = tables("""
 [bodies.forearm]
 line = { length = 0.6, elements = 3 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0, \
 rotary_density = 1.0e-3 }
-[joints.elbow]
-type = "revolute"
-connect = ["bar:tip", "forearm:hinge"]
-[coordinates.bend]
-joint = "elbow"
-range = [-1.0, 1.0]
-"""
+joints.elbow: type = "revolute"; connect = ["bar:tip", "forearm:hinge"]
+coordinates.bend: joint = "elbow"; range = [-1.0, 1.0]
+""")
 
 
 def test_undeformed_bodies_stand_where_their_poses_place_their_shapes() -> None:
@@ -40,12 +35,9 @@ def test_a_point_mass_is_a_single_node() -> None:
     mechanism = mechanism_with_lines(
         scene_of(
             BAR,
-            """
-[effects.bob]
-type = "point_mass"
-point = "bar:tip"
-mass = 2.0
-""",
+            tables("""
+effects.bob: type = "point_mass"; point = "bar:tip"; mass = 2.0
+"""),
         )
     )
     poses = np.zeros((len(mechanism.bodies), 3, 1))

@@ -1,7 +1,5 @@
 """The front and the advice by closed examples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies from matrices against the meshes that these were assembled from: modes, mechanisms, motion, mass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,7 +22,7 @@ from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.components.component_modes import condense
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.groups import RankGroup

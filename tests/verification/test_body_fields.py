@@ -1,7 +1,5 @@
 """Bodies over a run's frames: a cantilever in pure bending, read back from XDMF; modes; bodies of every kind."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
@@ -33,63 +31,28 @@ from pgmp_petsc.studies.field_frames import fields_at
 from pgmp_petsc.studies.mode_shapes import mode_shape
 from pgmp_petsc.studies.modes_table import reduced_frequencies
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, slider_crank
+from scenes import HEADER, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
 MOMENT, INERTIA = ARM * FORCE, WIDTH * HEIGHT**3 / 12.0
 MODELS = ("full", "components", "reduced")
 # forces along the bar at both ends of a rigid arm across its end: a couple
-BENT = (
-    HEADER
-    + f"""
-[bodies.bar]
-mesh = "0.0:{LENGTH}:8"
-element = "{{element}}"
-material = "steel"
+BENT = HEADER + tables(f"""
+bodies.bar: mesh = "0.0:{LENGTH}:8"; element = "{{element}}"; material = "steel"
 {{section}}
-[bodies.arm]
-mesh = "{-ARM / 2}:{ARM / 2}:2"
-element = "beam2d"
-material = "steel"
-section = {{{{ shape = "circle", radius = 0.01 }}}}
-flexible = false
-placement = {{{{ origin = [{LENGTH}, 0.0], angle = {np.pi / 2} }}}}
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:{{root}}"]
-[joints.weld]
-type = "fixed"
-connect = ["bar:{{tip}}", "arm:1"]
-[coordinates.theta]
-joint = "hinge"
-range = [-0.2, 0.2]
-[effects.hold]
-type = "prescribed_motion"
-coordinate = "theta"
-table = [[0.0, 0.0], [10.0, 0.0]]
-[effects.above]
-type = "force"
-point = "arm:tip"
-direction = [1.0, 0.0]
-table = [[0.0, {FORCE}], [10.0, {FORCE}]]
-[effects.below]
-type = "force"
-point = "arm:hinge"
-direction = [-1.0, 0.0]
-table = [[0.0, {FORCE}], [10.0, {FORCE}]]
-[initial]
-equilibrium = true
-[reduction]
-modes = 4
-static_modes = true
-angles = 6
-interpolation = "spline"
-[simulation]
-duration = 2e-4
-step = 1e-4
-frames = 2
-"""
-)
+bodies.arm: mesh = "{-ARM / 2}:{ARM / 2}:2"; element = "beam2d"; material = "steel";
+    section = {{{{ shape = "circle", radius = 0.01 }}}}; flexible = false;
+    placement = {{{{ origin = [{LENGTH}, 0.0], angle = {np.pi / 2} }}}}
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:{{root}}"]
+joints.weld: type = "fixed"; connect = ["bar:{{tip}}", "arm:1"]
+coordinates.theta: joint = "hinge"; range = [-0.2, 0.2]
+effects.hold: type = "prescribed_motion"; coordinate = "theta"; table = [[0.0, 0.0], [10.0, 0.0]]
+effects.above: type = "force"; point = "arm:tip"; direction = [1.0, 0.0]; table = [[0.0, {FORCE}], [10.0, {FORCE}]]
+effects.below: type = "force"; point = "arm:hinge"; direction = [-1.0, 0.0]; table = [[0.0, {FORCE}], [10.0, {FORCE}]]
+initial: equilibrium = true
+reduction: modes = 4; static_modes = true; angles = 6; interpolation = "spline"
+simulation: duration = 2e-4; step = 1e-4; frames = 2
+""")
 
 
 def bent(element: str, *overrides: str) -> tuple[Scene, Mapping]:

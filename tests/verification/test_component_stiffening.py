@@ -1,7 +1,5 @@
 """Component modes that follow their foreshortening: beams stiffened by their spin, against theory and mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +14,6 @@ from cantilevers import (
     WIDTH,
     bar_mesh,
     cantilever,
-    ends,
     plate_mesh,
 )
 from conftest import ROOT
@@ -24,7 +21,6 @@ from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 from runs import history, samples
 from solid_scenes import solid_meshes, solid_slider_crank
-from solids import rectangle_mesh
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 
@@ -35,15 +31,14 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.studies.simulate import simulate_full
+from scenes import tables
 
 # the fundamental frequency in the plane of rotation over the spin, in units of sqrt(EI / rho A L^4); published
 PUBLISHED = [(0.0, 3.516), (4.0, 3.898), (10.0, 5.049)]
-STIFFENING = """
-[effects.stiffening]
-type = "geometric_stiffening"
-[effects.shapes]
-type = "mode_inertia"
-"""
+STIFFENING = tables("""
+effects.stiffening: type = "geometric_stiffening"
+effects.shapes: type = "mode_inertia"
+""")
 SPIN_UP = ROOT / "scenes" / "spinning_beam.toml"
 STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA, m
 
@@ -79,25 +74,14 @@ def spinning(
     """Return a cantilever that spins at a constant speed and is pushed across for half a period of its bending."""
     push = 0.5 * np.pi / 3.5
     return make(
-        f"""
+        tables(f"""
 {STIFFENING if stiffened else ""}
-[effects.push]
-type = "force"
-point = "beam:tip"
-direction = {list(direction)}
-follows = true
-table = [[0.0, 0.0], [{push}, 1e-3], [{2 * push}, 0.0], [100.0, 0.0]]
-[outputs.tip]
-type = "deformation"
-point = "beam:tip"
-axis = "{"xyz"[int(np.argmax(direction))]}"
-frame = "body"
-[reduction]
-modes = 4
-[simulation]
-duration = {duration}
-step = 5e-3
-""",
+effects.push: type = "force"; point = "beam:tip"; direction = {list(direction)}; follows = true;
+    table = [[0.0, 0.0], [{push}, 1e-3], [{2 * push}, 0.0], [100.0, 0.0]]
+outputs.tip: type = "deformation"; point = "beam:tip"; axis = "{"xyz"[int(np.argmax(direction))]}"; frame = "body"
+reduction: modes = 4
+simulation: duration = {duration}; step = 5e-3
+"""),
         f"effects.hold.constant_speed.speed={spin}",
     )
 
@@ -215,13 +199,3 @@ def test_stretching_with_its_inertia_is_refused() -> None:
     )
     with pytest.raises(InputError, match=message):
         check_capabilities(scene, Purpose.COMPONENTS)
-
-
-def test_a_body_without_a_long_axis_is_refused() -> None:
-    scene = cantilever(PLATE, STIFFENING)
-    message = (
-        'effects.stiffening.stretching = "static": bodies.beam is only 2 times as long as wide, and its stretching is '
-        "not told from its bending below 3; leave geometric_stiffening out, or take pgmp simulate --full"
-    )
-    with pytest.raises(InputError, match=message):
-        component_model(scene, {"beam": ends(rectangle_mesh("quad8", (3, 2), (1.0, 0.5)))}, MPI.COMM_SELF)

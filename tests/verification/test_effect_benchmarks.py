@@ -1,7 +1,5 @@
 """Rotating beams, singular positions, welds and all effects together in the full-order model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,17 +10,16 @@ from effect_scenes import CANTILEVER, STEP, linear_mode, recorded, run_batch, ru
 from scipy.optimize import curve_fit
 
 from pgmp_petsc.scene import load_scene
+from scenes import tables
 
 
 @pytest.mark.parametrize(("spin", "expected"), [(0, 3.516), (2, 3.622), (4, 3.898), (6, 4.263), (10, 5.049)])
 def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
     """In the plane of rotation, in units of sqrt(EI / rho A L^4), from a short free vibration."""
     scene = scene_of(
-        CANTILEVER,
-        "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
-        f"effects.hold.constant_speed.speed={spin}.0",
-        "bodies.beam.line.elements=16",
-    )
+        CANTILEVER, "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
+        f"effects.hold.constant_speed.speed={spin}.0", "bodies.beam.line.elements=16",
+    )  # fmt: skip
     _, shape = linear_mode(scene, [0, 1, 2], 0)
     run = run_batch(scene, 1, 1e-3 * shape)
     time = np.linspace(0.0, 2.5, len(run))
@@ -39,16 +36,10 @@ def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
 def test_the_beam_of_simo_and_vu_quoc_ends_stretched() -> None:
     scene = scene_of(
         CANTILEVER.split("[effects.hold]")[0],
-        """
-[effects.motor]
-type = "prescribed_motion"
-coordinate = "theta"
-spin_up = { speed = 6.0, time = 15.0 }
-[simulation]
-duration = 18.0
-step = 1.5e-2
-spectral_radius = 0.6
-""",
+        tables("""
+effects.motor: type = "prescribed_motion"; coordinate = "theta"; spin_up = { speed = 6.0, time = 15.0 }
+simulation: duration = 18.0; step = 1.5e-2; spectral_radius = 0.6
+"""),
         "bodies.beam.line={ length = 10.0, elements = 6 }",
         "bodies.beam.section.axial=2.8e7",
         "bodies.beam.section.shear=1e7",
@@ -89,28 +80,19 @@ def test_the_double_four_bar_goes_through_its_singular_positions() -> None:
 
 
 def test_a_beam_welded_to_a_held_hub_is_a_clamped_one() -> None:
-    push = """
-[effects.push]
-type = "force"
-point = "beam:tip"
-direction = [0.0, 1.0]
-table = [[0.0, 1.0], [1.0, 1.0]]
-""" + run_of(0.5, 5e-3)
+    push = tables("""
+effects.push: type = "force"; point = "beam:tip"; direction = [0.0, 1.0]; table = [[0.0, 1.0], [1.0, 1.0]]
+""") + run_of(0.5, 5e-3)
     clamped = recorded(scene_of(CANTILEVER, push))
     welded = recorded(
         scene_of(
             CANTILEVER.replace('"ground:origin", "beam:hinge"', '"ground:origin", "hub:hinge"'),
-            """
-[bodies.hub]
-line = { length = 0.2, elements = 1 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
-placement = { angle = 0.7 }
-[joints.weld]
-type = "fixed"
-connect = ["hub:hinge", "beam:hinge"]
-"""
+            tables("""
+bodies.hub: line = { length = 0.2, elements = 1 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 };
+    placement = { angle = 0.7 }
+joints.weld: type = "fixed"; connect = ["hub:hinge", "beam:hinge"]
+""")
             + push,
             "effects.hold.constant_speed.start=0.7",
         )
@@ -122,80 +104,32 @@ connect = ["hub:hinge", "beam:hinge"]
 
 EVERYTHING = (
     CANTILEVER.split("[effects.hold]")[0]
-    + """
-[ground.points]
-anchor = [0.4, 0.9]
-[bodies.pendant]
-line = { length = 0.4, elements = 2 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
-placement = { origin = [1.0, 0.0], angle = -0.5 }
+    + tables("""
+ground.points: anchor = [0.4, 0.9]
+bodies.pendant: line = { length = 0.4, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 };
+    placement = { origin = [1.0, 0.0], angle = -0.5 }
 [bodies.tail]
 line = { length = 0.4, elements = 3 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 1e4, shear = 1e4, bending = 5.0, line_density = 1.0, rotary_density = 1e-4 }
 placement = { origin = [1.351, -0.1918], angle = -0.9 }
-[joints.weld]
-type = "fixed"
-connect = ["beam:tip", "pendant:hinge"]
-[joints.second_weld]
-type = "fixed"
-connect = ["pendant:tip", "tail:hinge"]
-[effects.motor]
-type = "torque"
-joint = "hub"
-harmonic = { amplitude = 2.0, frequency_hz = 3.0 }
-[effects.jet]
-type = "force"
-point = "pendant:tip"
-direction = [0.0, 1.0]
-follows = true
-table = [[0.0, 0.0], [0.2, 1.0]]
-[effects.rope]
-type = "force"
-point = "beam:tip"
-towards = "ground:anchor"
-table = [[0.0, 0.5], [0.2, 0.5]]
-[effects.weight]
-type = "gravity"
-[effects.bob]
-type = "point_mass"
-point = "pendant:tip"
-mass = 0.2
-[effects.lump]
-type = "point_mass"
-point = "beam:middle"
-mass = 0.3
-inertia = 0.01
-[effects.oil]
-type = "joint_damping"
-joint = "hub"
-coefficient = 0.1
-[effects.rub]
-type = "joint_friction"
-joint = "hub"
-limit = 0.1
-speed = 0.2
-[effects.spring]
-type = "spring_damper"
-points = ["ground:anchor", "tail:tip"]
-stiffness = 3.0
-damping = 0.1
-rest = 0.5
-[effects.loss]
-type = "structural_damping"
-bodies = ["beam"]
-stiffness = 1e-3
-mass = 0.2
-ratios = [0.05, 0.02]
-[effects.stop]
-type = "end_stop"
-joint = "hub"
-lower = -0.05
-stiffness = 300.0
-damping = 0.2
-"""
+joints.weld: type = "fixed"; connect = ["beam:tip", "pendant:hinge"]
+joints.second_weld: type = "fixed"; connect = ["pendant:tip", "tail:hinge"]
+effects.motor: type = "torque"; joint = "hub"; harmonic = { amplitude = 2.0, frequency_hz = 3.0 }
+effects.jet: type = "force"; point = "pendant:tip"; direction = [0.0, 1.0]; follows = true;
+    table = [[0.0, 0.0], [0.2, 1.0]]
+effects.rope: type = "force"; point = "beam:tip"; towards = "ground:anchor"; table = [[0.0, 0.5], [0.2, 0.5]]
+effects.weight: type = "gravity"
+effects.bob: type = "point_mass"; point = "pendant:tip"; mass = 0.2
+effects.lump: type = "point_mass"; point = "beam:middle"; mass = 0.3; inertia = 0.01
+effects.oil: type = "joint_damping"; joint = "hub"; coefficient = 0.1
+effects.rub: type = "joint_friction"; joint = "hub"; limit = 0.1; speed = 0.2
+effects.spring: type = "spring_damper"; points = ["ground:anchor", "tail:tip"]; stiffness = 3.0; damping = 0.1;
+    rest = 0.5
+effects.loss: type = "structural_damping"; bodies = ["beam"]; stiffness = 1e-3; mass = 0.2; ratios = [0.05, 0.02]
+effects.stop: type = "end_stop"; joint = "hub"; lower = -0.05; stiffness = 300.0; damping = 0.2
+""")
     + run_of(0.2, STEP, 0.8)
 )
 

@@ -1,7 +1,5 @@
 """Models in C give what `pgmp simulate` gives."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path
@@ -35,149 +33,71 @@ from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import tables
 
 pytestmark = needs_compiler
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
 # all laws but stops, and all outputs
-KINDS = (
-    QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1)
-    .replace("range = [0.0, 6.283185307179586]\nperiodic = true", "range = [0.0, 2.0]\nperiodic = false")
-    .replace("table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]", "harmonic = { amplitude = 2.0, frequency_hz = 9.0 }")
-    .replace("angles = 24", 'angles = 24\ninterpolation = "overhauser"\nsecond_order = true')
-    .replace("duration = 0.2", "duration = 0.1")
-    + """
-[effects.internal]
-type = "structural_damping"
-stiffness = 1e-5
-mass = 0.3
-[effects.rubbing]
-type = "joint_friction"
-joint = "pin"
-limit = 0.5
-speed = 0.2
-[effects.spring]
-type = "spring_damper"
-points = ["ground:pivot", "crank:tip"]
-stiffness = 30.0
-damping = 0.1
-rest = 0.48
-[effects.jet]
-type = "force"
-point = "rocker:tip"
-direction = [0.0, 1.0]
-follows = true
-table = [[0.0, 0.5]]
-[effects.rope]
-type = "force"
-point = "crank:1"
-towards = "ground:pivot"
-table = [[0.0, 0.7]]
-[effects.push]
-type = "force"
-point = "rocker:tip"
-direction = [1.0, 0.5]
-table = [[0.0, 0.0], [0.03, 4.0], [0.06, -4.0]]
-[outputs.angle]
-type = "angle"
-joint = "rocker_hinge"
-[outputs.sliding]
-type = "sliding"
-joint = "pin"
-[outputs.distance]
-type = "distance"
-points = ["ground:pivot", "crank:tip"]
-[outputs.rotation]
-type = "rotation"
-point = "rocker:tip"
-[outputs.place]
-type = "position"
-point = "crank:tip"
-axis = "y"
-[outputs.moved]
-type = "displacement"
-point = "rocker:tip"
-axis = "x"
-[outputs.bent]
-type = "deformation"
-point = "rocker:tip"
-axis = "y"
-[outputs.bent_across]
-type = "deformation"
-point = "rocker:tip"
-axis = "y"
-frame = "body"
-"""
-)
+KINDS = QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1).replace(
+    "range = [0.0, 6.283185307179586]\nperiodic = true", "range = [0.0, 2.0]\nperiodic = false"
+).replace(
+    "table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]", "harmonic = { amplitude = 2.0, frequency_hz = 9.0 }"
+).replace("angles = 24", 'angles = 24\ninterpolation = "overhauser"\nsecond_order = true').replace(
+    "duration = 0.2", "duration = 0.1"
+) + tables("""
+effects.internal: type = "structural_damping"; stiffness = 1e-5; mass = 0.3
+effects.rubbing: type = "joint_friction"; joint = "pin"; limit = 0.5; speed = 0.2
+effects.spring: type = "spring_damper"; points = ["ground:pivot", "crank:tip"]; stiffness = 30.0; damping = 0.1;
+    rest = 0.48
+effects.jet: type = "force"; point = "rocker:tip"; direction = [0.0, 1.0]; follows = true; table = [[0.0, 0.5]]
+effects.rope: type = "force"; point = "crank:1"; towards = "ground:pivot"; table = [[0.0, 0.7]]
+effects.push: type = "force"; point = "rocker:tip"; direction = [1.0, 0.5];
+    table = [[0.0, 0.0], [0.03, 4.0], [0.06, -4.0]]
+outputs.angle: type = "angle"; joint = "rocker_hinge"
+outputs.sliding: type = "sliding"; joint = "pin"
+outputs.distance: type = "distance"; points = ["ground:pivot", "crank:tip"]
+outputs.rotation: type = "rotation"; point = "rocker:tip"
+outputs.place: type = "position"; point = "crank:tip"; axis = "y"
+outputs.moved: type = "displacement"; point = "rocker:tip"; axis = "x"
+outputs.bent: type = "deformation"; point = "rocker:tip"; axis = "y"
+outputs.bent_across: type = "deformation"; point = "rocker:tip"; axis = "y"; frame = "body"
+""")
 IN_FIVE_BAR = (
     'effects.motor={type="torque",joint="left_hinge",table=[[0.0,0.3]]}',
-    'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}',
-    "coordinates.theta1.range=[1.6,2.4]",
-    "coordinates.theta1.periodic=false",
-    "coordinates.theta2.range=[0.7,1.4]",
-    "coordinates.theta2.periodic=false",
+    'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}', "coordinates.theta1.range=[1.6,2.4]",
+    "coordinates.theta1.periodic=false", "coordinates.theta2.range=[0.7,1.4]", "coordinates.theta2.periodic=false",
     "simulation={duration=0.1,step=1e-3,initial={theta1={position=2.0},theta2={position=1.0}}}",
     'outputs.x={type="position",point="first:tip",axis="x"}',
-    'outputs.bent={type="deformation",point="first:tip",axis="y"}',
-    'outputs.pin={type="angle",joint="pin"}',
-)
+    'outputs.bent={type="deformation",point="first:tip",axis="y"}', 'outputs.pin={type="angle",joint="pin"}',
+)  # fmt: skip
 IN_SPACE = (
-    "reduction.angles=12",
-    "reduction.modes=4",
-    "reduction.second_order=true",
-    "simulation.duration=0.05",
+    "reduction.angles=12", "reduction.modes=4", "reduction.second_order=true", "simulation.duration=0.05",
     'effects.jet={type="force",point="coupler:tip",direction=[0.0,1.0,0.0],follows=true,table=[[0.0,0.2]]}',
     'outputs.reach={type="distance",points=["ground:origin","coupler:tip"]}',
     'outputs.across={type="deformation",point="coupler:hinge",axis="z",frame="body"}',
-)
+)  # fmt: skip
 # an oscillating cylinder whose motor, spring and weight set in at once on light nodes
-CYLINDER = """
+CYLINDER = tables("""
 scene.name = "cylinder"
 materials.steel = { E = 210e9, nu = 0.3, rho = 7800.0 }
 ground.points.pivot = [0.3, 0.02]
-[bodies.crank]
-line = { length = 0.08, elements = 3 }
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 0.008 }
-placement = { origin = [0.0, 0.0], angle = 0.5 }
-[bodies.rod]
-line = { length = 0.4, elements = 8 }
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = 0.006 }
-placement = { origin = [0.07, 0.038], angle = -0.1 }
-[joints]
-shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] }
-pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] }
-guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
-[coordinates.theta]
-joint = "shaft"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects]
-motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] }
-brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 }
-spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 }
-rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }
-weight = { type = "gravity" }
-[reduction]
-modes = 6
-static_modes = true
-inertia_modes = true
-angles = 48
-interpolation = "spline"
-[simulation]
-duration = 0.1
-step = STEP
-[outputs.crank]
-type = "angle"
-joint = "shaft"
-[outputs.bent]
-type = "deformation"
-point = "rod:tip"
-axis = "y"
-frame = "body"
-"""
+bodies.crank: line = { length = 0.08, elements = 3 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.008 }; placement = { origin = [0.0, 0.0], angle = 0.5 }
+bodies.rod: line = { length = 0.4, elements = 8 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.006 }; placement = { origin = [0.07, 0.038], angle = -0.1 }
+joints: shaft = { type = "revolute", connect = ["ground:origin", "crank:hinge"] };
+    pin = { type = "revolute", connect = ["crank:tip", "rod:hinge"] };
+    guide = { type = "point_on_line", connect = ["rod:hinge", "ground:pivot"], direction = [1.0, 0.0] }
+coordinates.theta: joint = "shaft"; range = [0.0, 6.283185307179586]; periodic = true
+effects: motor = { type = "torque", joint = "shaft", table = [[0.0, 2.0]] };
+    brake = { type = "joint_damping", joint = "shaft", coefficient = 0.15 };
+    spring = { type = "spring_damper", joint = "guide", stiffness = 400.0, damping = 2.0, rest = 0.3 };
+    rubbing = { type = "joint_friction", joint = "guide", limit = 1.0, speed = 0.02 }; weight = { type = "gravity" }
+reduction: modes = 6; static_modes = true; inertia_modes = true; angles = 48; interpolation = "spline"
+simulation: duration = 0.1; step = STEP
+outputs.crank: type = "angle"; joint = "shaft"
+outputs.bent: type = "deformation"; point = "rod:tip"; axis = "y"; frame = "body"
+""")
 
 
 @pytest.fixture(scope="module")
@@ -256,10 +176,7 @@ def test_friction_that_sticks(tmp_path) -> None:
 
 
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
-    """Poses of outputs are closed by Newton's method, which stops where the program's stops.
-
-    A coarser table of the rigid motion than the usual one does: both have the same.
-    """
+    """Poses of outputs are closed by Newton's method, which stops where the program's stops."""
     monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
@@ -284,13 +201,9 @@ def test_space(tmp_path) -> None:
 
 def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
     scene = slider_crank_in_space(
-        'outputs={elbow={type="angle", joint="elbow"}}',
-        "reduction.angles=24",
-        'reduction.interpolation="spline"',
-        "simulation.initial.theta.velocity=100.0",
-        "simulation.duration=0.12",
-        "simulation.step=2.5e-4",
-    )
+        'outputs={elbow={type="angle", joint="elbow"}}', "reduction.angles=24", 'reduction.interpolation="spline"',
+        "simulation.initial.theta.velocity=100.0", "simulation.duration=0.12", "simulation.step=2.5e-4",
+    )  # fmt: skip
     model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
     wanted = simulated(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi

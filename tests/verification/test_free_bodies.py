@@ -1,7 +1,5 @@
 """Bodies that nothing but hinges of massless arms and gimbals holds: momentum, and the torque-free top of Euler."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -14,7 +12,7 @@ from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from scenes import HEADER
+from scenes import HEADER, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 #: Of arms and gimbals, whose mass a billion times that of the bodies would be felt in the digits that are compared.
@@ -53,17 +51,11 @@ def in_the_plane(*overrides: str) -> Scene:
     text = HEADER.replace("210e9", "2e9") + line("upper", 0.8, MASSLESS[2]) + line("fore", 0.8, MASSLESS[2])
     text += line("bar", 1.0, bar, 6) + hinge("shoulder", ("ground:origin", "upper:hinge"))
     text += hinge("elbow", ("upper:tip", "fore:hinge")) + hinge("wrist", ("fore:tip", "bar:middle"))
-    text += """[reduction]
-modes = 6
-[simulation]
-duration = 0.1
-step = 2e-4
-spectral_radius = 1.0
-[simulation.initial]
-shoulder = { position = 0.3, velocity = 1.0 }
-elbow = { position = 1.4, velocity = -2.0 }
-wrist = { position = -0.4, velocity = 40.0 }
-"""
+    text += tables("""reduction: modes = 6
+simulation: duration = 0.1; step = 2e-4; spectral_radius = 1.0
+simulation.initial: shoulder = { position = 0.3, velocity = 1.0 }; elbow = { position = 1.4, velocity = -2.0 };
+    wrist = { position = -0.4, velocity = 40.0 }
+""")
     return scene_from_toml(text, ".", overrides)
 
 
@@ -78,20 +70,11 @@ def in_space(*overrides: str) -> Scene:
     text += hinge("yaw", ("ground:origin", "outer:hinge"), "axis = [0.0, 0.0, 1.0]")
     text += hinge("pitch", ("outer:hinge", "inner:hinge"), "axis = [0.0, 1.0, 0.0]")
     text += hinge("roll", ("inner:hinge", "long:middle"), "axis = [1.0, 0.0, 0.0]")
-    text += """[joints.weld]
-type = "fixed"
-connect = ["long:middle", "short:middle"]
-[reduction]
-modes = 4
-[simulation]
-duration = 0.5
-step = 1e-3
-spectral_radius = 1.0
-[simulation.initial]
-yaw = { velocity = 5.0 }
-pitch = { velocity = 0.6 }
-roll = { velocity = 0.8 }
-"""
+    text += tables("""joints.weld: type = "fixed"; connect = ["long:middle", "short:middle"]
+reduction: modes = 4
+simulation: duration = 0.5; step = 1e-3; spectral_radius = 1.0
+simulation.initial: yaw = { velocity = 5.0 }; pitch = { velocity = 0.6 }; roll = { velocity = 0.8 }
+""")
     return scene_from_toml(text, ".", overrides)
 
 

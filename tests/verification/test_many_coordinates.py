@@ -1,20 +1,17 @@
 """Mechanisms with more than two coordinates: full-order and component runs, and what a reduction of them would cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import full_model, history, rom_of, samples
+from runs import full_model, history, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.estimates.coverage import why_not_of_full_order
+from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER
+from scenes import HEADER, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
@@ -43,19 +40,12 @@ joint = "joint{k}"
 type = "angle"
 joint = "joint{k}"
 """
-    text += """
-[effects.weight]
-type = "gravity"
-[outputs.bending]
-type = "deformation"
-point = "link2:tip"
-axis = "y"
-[reduction]
-modes = 3
-[simulation]
-duration = 0.4
-step = 1e-3
-"""
+    text += tables("""
+effects.weight: type = "gravity"
+outputs.bending: type = "deformation"; point = "link2:tip"; axis = "y"
+reduction: modes = 3
+simulation: duration = 0.4; step = 1e-3
+""")
     return scene_from_toml(text, ".", overrides)
 
 
@@ -146,28 +136,14 @@ joint = "joint{k}"
     for k, angle in enumerate(MOVED):
         table = [[0.0, 0.0], [0.2, 0.5 * angle], [0.4, angle], [1.0, angle]]
         text += f'[effects.motion{k}]\ntype = "prescribed_motion"\ncoordinate = "theta{k}"\ntable = {table}\n'
-    text += """
-[effects.weight]
-type = "gravity"
-direction = [0.0, 0.0, -1.0]
-[effects.motor]
-type = "torque"
-joint = "joint5"
-table = [[0.0, 0.0], [0.4, 0.05]]
-[outputs.tip]
-type = "position"
-point = "hand:tip"
-axis = "z"
-[outputs.deflection]
-type = "deformation"
-point = "hand:tip"
-axis = "z"
-[reduction]
-modes = 6
-[simulation]
-duration = 0.2
-step = 1e-3
-"""
+    text += tables("""
+effects.weight: type = "gravity"; direction = [0.0, 0.0, -1.0]
+effects.motor: type = "torque"; joint = "joint5"; table = [[0.0, 0.0], [0.4, 0.05]]
+outputs.tip: type = "position"; point = "hand:tip"; axis = "z"
+outputs.deflection: type = "deformation"; point = "hand:tip"; axis = "z"
+reduction: modes = 6
+simulation: duration = 0.2; step = 1e-3
+""")
     return scene_from_toml(text, ".", overrides)
 
 
@@ -180,8 +156,3 @@ def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     )
     assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
     assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()
-
-
-def test_what_a_reduction_would_cost_is_said() -> None:
-    with pytest.raises(InputError, match="at most 2 are taken.*Take pgmp simulate SCENE --components or --full"):
-        rom_of(chain(True))

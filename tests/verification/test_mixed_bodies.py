@@ -1,7 +1,5 @@
 """Beams, rigid bodies and plane continuum bodies in one mechanism, with one coordinate and with two."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -18,11 +16,11 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import HEADER, slider_crank, straight
+from scenes import HEADER, slider_crank, straight, tables
 
 SOLID = f'element="solid2d", material="steel", thickness={THICKNESS}'
 ACCURATE = ("reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"')
@@ -35,13 +33,11 @@ def alone() -> RankGroup:
 def mixed_slider_crank(*overrides: str) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a crank of beams and a rod of plane cells, which have the section of the beams' circle."""
     scene = slider_crank(
-        f'bodies.rod={{mesh="none", {SOLID}}}',
-        'joints.elbow.connect=["crank:tip", "rod:left"]',
+        f'bodies.rod={{mesh="none", {SOLID}}}', 'joints.elbow.connect=["crank:tip", "rod:left"]',
         'joints.slider.connect=["ground:origin", "rod:right"]',
         'outputs.x={type="position", point="rod:right", axis="x"}',
-        'outputs.bent={type="deformation", point="rod:right", axis="x"}',
-        *overrides,
-    )
+        'outputs.bent={type="deformation", point="rod:right", axis="x"}', *overrides,
+    )  # fmt: skip
     return scene, {"crank": straight(0.0, 0.3, 20), "rod": solid_meshes("quad8", 40)["rod"]}
 
 
@@ -78,52 +74,22 @@ def test_a_reduced_run_is_that_of_the_full_order_model(crank: str) -> None:
         np.testing.assert_allclose(reduced.outputs[name], values, rtol=0, atol=limit * np.abs(values).max())
 
 
-PENDULUM = (
-    HEADER
-    + f"""
-[bodies.upper]
-mesh = "none"
-element = "beam2d"
-material = "steel"
-section = {{ shape = "rectangle", width = {THICKNESS}, height = {HEIGHT} }}
-[bodies.lower]
-mesh = "none"
+PENDULUM = HEADER + tables(f"""
+bodies.upper: mesh = "none"; element = "beam2d"; material = "steel";
+    section = {{ shape = "rectangle", width = {THICKNESS}, height = {HEIGHT} }}
+bodies.lower: mesh = "none"
 {SOLID.replace(", ", chr(10))}
-[joints.shoulder]
-type = "revolute"
-connect = ["ground:origin", "upper:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["upper:tip", "lower:left"]
-[coordinates.shoulder_angle]
-joint = "shoulder"
-range = [-1.0, 1.0]
-[coordinates.elbow_angle]
-joint = "elbow"
-range = [-1.0, 1.0]
-[effects.weight]
-type = "gravity"
-[reduction]
-modes = 3
-angles = 9
-static_modes = true
-interpolation = "spline"
-[simulation]
-duration = 0.15
-step = 1e-3
-[outputs.swing]
-type = "angle"
-joint = "elbow"
-[outputs.y]
-type = "position"
-point = "lower:right"
-axis = "y"
-[outputs.bent]
-type = "deformation"
-point = "lower:right"
-axis = "y"
-"""
-)
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:left"]
+coordinates.shoulder_angle: joint = "shoulder"; range = [-1.0, 1.0]
+coordinates.elbow_angle: joint = "elbow"; range = [-1.0, 1.0]
+effects.weight: type = "gravity"
+reduction: modes = 3; angles = 9; static_modes = true; interpolation = "spline"
+simulation: duration = 0.15; step = 1e-3
+outputs.swing: type = "angle"; joint = "elbow"
+outputs.y: type = "position"; point = "lower:right"; axis = "y"
+outputs.bent: type = "deformation"; point = "lower:right"; axis = "y"
+""")
 
 
 def test_a_double_pendulum_of_a_beam_and_a_bar_of_cells() -> None:

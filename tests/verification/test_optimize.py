@@ -1,7 +1,5 @@
 """Designs against closed forms: the sag of a cantilever, and a spring that a torque winds up."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -14,7 +12,7 @@ from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.gradients import Design
+from pgmp_petsc.results import Design
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies import design_figures

@@ -4,8 +4,6 @@ Every scene is as it is in the repository, but shorter, and some have fewer conf
 another step follows from what is measured here by the square of the step.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -14,10 +12,10 @@ from conftest import ROOT
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene

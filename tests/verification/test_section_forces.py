@@ -1,7 +1,5 @@
 """Forces in sections away from the nominal parameters: against statics, full-order runs and their differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +15,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.lengths import of_samples
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene

@@ -1,7 +1,5 @@
 """One full-order run on one rank, as compiled lanes, against the same run with PETSc's matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,7 +10,7 @@ from mpi4py import MPI
 from pgmp_petsc.full.systems import FullBatch, FullDistributed
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full

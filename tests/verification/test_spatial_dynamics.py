@@ -5,8 +5,6 @@ their length. Its reference knows of the model nothing but the scene: the bars' 
 forms, and their masses and inertias those of boxes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
@@ -38,7 +36,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced

@@ -1,7 +1,5 @@
 """Effects in space in the full-order model: closed forms, scipy, the same scene in the plane, the energy balance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,11 +11,10 @@ from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, bars_of, table
 
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.scene.loading import scene_to_toml
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full
-from scenes import STEEL
+from scenes import STEEL, tables
 
 LENGTH = 0.5
 AXIS = np.array([0.48, -0.6, 0.64])  # of the hinge; the bar is at a right angle to it
@@ -192,31 +189,15 @@ IN_SPACE = {
     "[30.0, 10.0]": "[30.0, 10.0, 7.0]",
     "damping=[0.1, 0.2]": "damping=[0.1, 0.2, 3.0], turning_stiffness=[2.0, 3.0, 0.0]",
 }
-OUTPUTS = """
-[outputs.angle]
-type = "angle"
-joint = "crank_hinge"
-[outputs.elbow]
-type = "angle"
-joint = "elbow"
-[outputs.slide]
-type = "sliding"
-joint = "slider"
-[outputs.length]
-type = "distance"
-points = ["ground:post", "rod:tip"]
-[coordinates.theta]
-joint = "crank_hinge"
-range = [0.0, 6.283185307179586]
-periodic = true
-[simulation]
-duration = 0.05
-step = 1e-3
-spectral_radius = 1.0
-[simulation.initial.theta]
-position = 0.3
-velocity = 2.0
-"""
+OUTPUTS = tables("""
+outputs.angle: type = "angle"; joint = "crank_hinge"
+outputs.elbow: type = "angle"; joint = "elbow"
+outputs.slide: type = "sliding"; joint = "slider"
+outputs.length: type = "distance"; points = ["ground:post", "rod:tip"]
+coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
+simulation: duration = 0.05; step = 1e-3; spectral_radius = 1.0
+simulation.initial.theta: position = 0.3; velocity = 2.0
+""")
 
 
 def planar(names: list[str]) -> Scene:
@@ -228,18 +209,11 @@ def planar(names: list[str]) -> Scene:
             f'{origin}section = {{ shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, '
             f"line_density = {DENSITY}, rotary_density = {DENSITY * WIDTH**2 / 12} }}\n"
         )
-    text += """
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0]
-"""
+    text += tables("""
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+""")
     return scene_from_toml(text + _effects(names, {}) + OUTPUTS, ".")
 
 
@@ -253,20 +227,13 @@ def spatial(names: list[str]) -> Scene:
             f"{origin}"
         )
     axis = "axis = [0.0, 0.0, 1.0]"
-    text += f"""
-[joints.crank_hinge]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
+    text += tables(f"""
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
 {axis}
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
 {axis}
-[joints.slider]
-type = "point_on_line"
-connect = ["ground:origin", "rod:tip"]
-direction = [1.0, 0.0, 0.0]
-"""
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
+""")
     return scene_from_toml(text + _effects(names, IN_SPACE) + OUTPUTS, ".")
 
 

@@ -5,8 +5,6 @@ spin; their squares are the flapwise ones' less the spin's. The spin-up is that 
 J. Appl. Mech. 53 (1986) 855-863.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -34,29 +32,23 @@ from solids import rectangle_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import tables
 
 PUBLISHED = [(0.0, 3.516), (2.0, 3.622), (4.0, 3.898), (6.0, 4.263), (10.0, 5.049)]
-SECOND_ORDER = """
-[effects.stiffening]
-type = "geometric_stiffening"
-stretching = "{stretching}"
-[effects.shapes]
-type = "mode_inertia"
-"""
-REDUCTION = """
-[reduction]
-modes = 4
-inertia_modes = true
-angles = 8
-interpolation = "spline"
-"""
+SECOND_ORDER = tables("""
+effects.stiffening: type = "geometric_stiffening"; stretching = "{stretching}"
+effects.shapes: type = "mode_inertia"
+""")
+REDUCTION = tables("""
+reduction: modes = 4; inertia_modes = true; angles = 8; interpolation = "spline"
+""")
 MODELS = {"none": "", **{kind: SECOND_ORDER.format(stretching=kind) for kind in ("static", "dynamic")}}
 
 

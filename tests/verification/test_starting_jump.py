@@ -1,7 +1,5 @@
 """What is said of runs whose start sets off vibrations, against closed forms of beams."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -14,52 +12,27 @@ from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_reduced
-from scenes import meshes_of, slider_crank
+from scenes import meshes_of, slider_crank, tables
 
 LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.81
 AREA, SECOND_MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
-BAR = f"""
-[scene]
-name = "bar"
-[materials.steel]
-E = {YOUNG}
-nu = 0.3
-rho = {RHO}
-[bodies.bar]
-mesh = "0.0:{LENGTH}:24"
-element = "beam2d"
-material = "steel"
-section = {{ shape = "circle", radius = {RADIUS} }}
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:hinge"]
-[coordinates.theta]
-joint = "hinge"
-range = [-1.0, 1.0]
-[reduction]
-modes = 6
-angles = 8
-static_modes = true
-interpolation = "spline"
-[simulation]
-duration = 0.05
-step = 5e-4
-spectral_radius = 1.0
-error_indicator = false
-frames = 0
-"""
+BAR = tables(f"""
+scene: name = "bar"
+materials.steel: E = {YOUNG}; nu = 0.3; rho = {RHO}
+bodies.bar: mesh = "0.0:{LENGTH}:24"; element = "beam2d"; material = "steel";
+    section = {{ shape = "circle", radius = {RADIUS} }}
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:hinge"]
+coordinates.theta: joint = "hinge"; range = [-1.0, 1.0]
+reduction: modes = 6; angles = 8; static_modes = true; interpolation = "spline"
+simulation: duration = 0.05; step = 5e-4; spectral_radius = 1.0; error_indicator = false; frames = 0
+""")
 WEIGHT = '\n[effects.weight]\ntype = "gravity"\n'
 HELD = '\n[effects.drive]\ntype = "prescribed_motion"\ncoordinate = "theta"\ntable = [[0.0, 0.0], [1.0, 0.0]]\n'
 DAMPED = '\n[effects.damping]\ntype = "structural_damping"\nstiffness = 1e-3\n'
-PULLED = """
-[ground.points]
-hook = [0.8, 0.3]
-[effects.cord]
-type = "spring_damper"
-points = ["ground:hook", "bar:tip"]
-stiffness = 100.0
-rest = 0.1
-"""
+PULLED = tables("""
+ground.points: hook = [0.8, 0.3]
+effects.cord: type = "spring_damper"; points = ["ground:hook", "bar:tip"]; stiffness = 100.0; rest = 0.1
+""")
 #: Strain energy of the bar, clamped at one end, under its weight: int M^2 / (2 E I) with M = w (L - x)^2 / 2.
 CLAMPED = (RHO * AREA * G) ** 2 * LENGTH**5 / (40 * YOUNG * SECOND_MOMENT)
 #: The same of the bar that is let go about its hinge and falls as a chimney does: M = w x (L - x)^2 / (4 L).

@@ -1,7 +1,5 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 
@@ -23,7 +21,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
+from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
     "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
@@ -311,11 +309,7 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("coordinates", ["held", "free"])
 def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
-    """Hanging free, the crank is stretched by 5e-8 m only, and what a linear deformation leaves out is 2 % of that.
-
-    The modes turn the crank by psi against theta (9e-5 rad): a linear deformation, which lengthens it by
-    L (1 - cos psi) = 1.2e-9 m.
-    """
+    """Hanging free, the crank is stretched by 5e-8 m only, and what a linear deformation leaves out is 2 % of that."""
     entries = ('effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}', "reduction.static_modes=true",
                "reduction.modes=6", "reduction.angles=24", "simulation.duration=0.002", "simulation.step=1e-3",
                "simulation.initial.theta.position=0.5", TIP % "crank",
@@ -337,11 +331,9 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
 
 
 # light and soft: the deflection at the start changes by how much the modes turn the crank's joint
-SOFT_FOUR_BAR = """
-[scene]
-name = "soft_four_bar"
-[ground.points]
-d = [0.55, 0.0]
+SOFT_FOUR_BAR = tables("""
+scene: name = "soft_four_bar"
+ground.points: d = [0.55, 0.0]
 [bodies.crank]
 line = { length = 0.2, elements = 4 }
 element = "beam2d"
@@ -356,49 +348,20 @@ line = { length = 0.45, elements = 8 }
 element = "beam2d"
 section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density=1e-5 }
 placement = { origin = [0.55, 0.0], angle = 1.46 }
-[joints.crank_joint]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.elbow]
-type = "revolute"
-connect = ["crank:tip", "coupler:hinge"]
-[joints.knee]
-type = "revolute"
-connect = ["coupler:tip", "rocker:tip"]
-[joints.pivot]
-type = "revolute"
-connect = ["ground:d", "rocker:hinge"]
-[coordinates.q]
-joint = "crank_joint"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.load]
-type = "point_mass"
-point = "coupler:middle"
-mass = 0.3
-inertia = 1e-7
-[effects.spring]
-type = "spring_damper"
-points = ["coupler:middle", "ground:d"]
-stiffness = 10.0
-damping = 0.1
-rest = 0.4
-[effects.weight]
-type = "gravity"
-[initial]
-equilibrium = true
-[reduction]
-modes = 6
-static_modes = true
-angles = 96
-interpolation = "spline"
-[simulation]
-duration = 0.1
-[outputs.bent]
-type = "deformation"
-point = "coupler:middle"
-axis = "y"
-"""
+joints.crank_joint: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
+joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
+joints.pivot: type = "revolute"; connect = ["ground:d", "rocker:hinge"]
+coordinates.q: joint = "crank_joint"; range = [0.0, 6.283185307179586]; periodic = true
+effects.load: type = "point_mass"; point = "coupler:middle"; mass = 0.3; inertia = 1e-7
+effects.spring: type = "spring_damper"; points = ["coupler:middle", "ground:d"]; stiffness = 10.0; damping = 0.1;
+    rest = 0.4
+effects.weight: type = "gravity"
+initial: equilibrium = true
+reduction: modes = 6; static_modes = true; angles = 96; interpolation = "spline"
+simulation: duration = 0.1
+outputs.bent: type = "deformation"; point = "coupler:middle"; axis = "y"
+""")
 
 
 def soft_four_bar(start: float, *overrides: str) -> Scene:

@@ -1,7 +1,5 @@
 """Friction that sticks: runs reach their end with any step, and converge with it, against a stiff solver of scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BLOCK, run_distributed, scene_of
@@ -12,129 +10,58 @@ from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import Scheme, State
+from scenes import tables
 
 LIMIT, SPEED, PUSH, RATE = 1.0, 1e-3, 1.6, 2.0 * np.pi * 4.0
 SLIDER = BLOCK.replace(
     "[simulation.initial.theta]",
-    f"""[effects.rub]
-type = "joint_friction"
-joint = "slide"
-limit = {LIMIT}
-speed = {SPEED}
-[effects.push]
-type = "force"
-point = "rod:tip"
-direction = [1.0, 0.0]
-harmonic = {{ amplitude = {PUSH}, frequency_hz = 4.0 }}
-[simulation]
-duration = 0.5
-[simulation.initial.theta]""",
+    tables(f"""effects.rub: type = "joint_friction"; joint = "slide"; limit = {LIMIT}; speed = {SPEED}
+effects.push: type = "force"; point = "rod:tip"; direction = [1.0, 0.0];
+    harmonic = {{ amplitude = {PUSH}, frequency_hz = 4.0 }}
+simulation: duration = 0.5
+[simulation.initial.theta]"""),
 )
 # a light hinge node of a bar that bends, with material damping: friction reverses four times
-HINGE = """
-[scene]
-name = "hinge"
-[materials.alloy]
-E = 70e9
-nu = 0.3
-rho = 2700.0
-[bodies.bar]
-line = { length = 0.3, elements = 3 }
-element = "beam2d"
-section = { shape = "rectangle", width = 0.015, height = 0.008 }
-material = "alloy"
-[joints.j]
-type = "revolute"
-connect = ["ground:origin", "bar:hinge"]
-[coordinates.q]
-joint = "j"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.motor]
-type = "torque"
-joint = "j"
-harmonic = { amplitude = 0.6, frequency_hz = 5.0 }
-[effects.f]
-type = "joint_friction"
-joint = "j"
-limit = 0.35
-speed = 0.05
-[effects.inner]
-type = "structural_damping"
-stiffness = 1e-5
-[reduction]
-modes = 4
-static_modes = true
-angles = 12
-[simulation]
-duration = 0.15
-[outputs.q]
-type = "angle"
-joint = "j"
-"""
+HINGE = tables("""
+scene: name = "hinge"
+materials.alloy: E = 70e9; nu = 0.3; rho = 2700.0
+bodies.bar: line = { length = 0.3, elements = 3 }; element = "beam2d";
+    section = { shape = "rectangle", width = 0.015, height = 0.008 }; material = "alloy"
+joints.j: type = "revolute"; connect = ["ground:origin", "bar:hinge"]
+coordinates.q: joint = "j"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "j"; harmonic = { amplitude = 0.6, frequency_hz = 5.0 }
+effects.f: type = "joint_friction"; joint = "j"; limit = 0.35; speed = 0.05
+effects.inner: type = "structural_damping"; stiffness = 1e-5
+reduction: modes = 4; static_modes = true; angles = 12
+simulation: duration = 0.15
+outputs.q: type = "angle"; joint = "j"
+""")
 # every hinge and the slide rub: several laws jump at once
 RUBBING = "\n".join(
     f'[effects.rub_{joint}]\ntype = "joint_friction"\njoint = "{joint}"\nlimit = {limit}\nspeed = {speed}'
     for joint, limit, speed in (("pivot", 0.4, 1e-3), ("pin", 0.3, 1e-2), ("slide", 5.0, 1e-4))
 )
-CRANK_DRIVE = f"""
-[scene]
-name = "crank_drive"
-[ground.points]
-rail = [0.0, 0.0]
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 7800.0
-[bodies.crank]
-line = {{ length = 0.1, elements = 3 }}
-element = "beam2d"
-material = "steel"
-section = {{ shape = "circle", radius = 0.006 }}
-[bodies.rod]
-line = {{ length = 0.3, elements = 4 }}
-element = "beam2d"
-material = "steel"
-section = {{ shape = "circle", radius = 0.004 }}
-placement = {{ origin = [0.1, 0.0], angle = 0.0 }}
-[joints.pivot]
-type = "revolute"
-connect = ["ground:origin", "crank:hinge"]
-[joints.pin]
-type = "revolute"
-connect = ["crank:tip", "rod:hinge"]
-[joints.slide]
-type = "point_on_line"
-connect = ["ground:rail", "rod:tip"]
-direction = [1.0, 0.0]
-[coordinates.q]
-joint = "pivot"
-range = [0.0, 6.283185307179586]
-periodic = true
-[effects.motor]
-type = "torque"
-joint = "pivot"
-harmonic = {{ amplitude = 1.5, frequency_hz = 20.0 }}
-[effects.load]
-type = "point_mass"
-point = "rod:tip"
-mass = 0.5
+CRANK_DRIVE = tables(f"""
+scene: name = "crank_drive"
+ground.points: rail = [0.0, 0.0]
+materials.steel: E = 210e9; nu = 0.3; rho = 7800.0
+bodies.crank: line = {{ length = 0.1, elements = 3 }}; element = "beam2d"; material = "steel";
+    section = {{ shape = "circle", radius = 0.006 }}
+bodies.rod: line = {{ length = 0.3, elements = 4 }}; element = "beam2d"; material = "steel";
+    section = {{ shape = "circle", radius = 0.004 }}; placement = {{ origin = [0.1, 0.0], angle = 0.0 }}
+joints.pivot: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
+joints.slide: type = "point_on_line"; connect = ["ground:rail", "rod:tip"]; direction = [1.0, 0.0]
+coordinates.q: joint = "pivot"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "pivot"; harmonic = {{ amplitude = 1.5, frequency_hz = 20.0 }}
+effects.load: type = "point_mass"; point = "rod:tip"; mass = 0.5
 {RUBBING}
-[reduction]
-modes = 4
-static_modes = true
-angles = 24
-interpolation = "spline"
-[simulation]
-duration = 0.05
-[simulation.initial.q]
-position = 1.0
-velocity = 5.0
-[outputs.q]
-type = "angle"
-joint = "pivot"
-"""
+reduction: modes = 4; static_modes = true; angles = 24; interpolation = "spline"
+simulation: duration = 0.05
+simulation.initial.q: position = 1.0; velocity = 5.0
+outputs.q: type = "angle"; joint = "pivot"
+""")
 
 
 def places_of_slider(n_steps: int) -> np.ndarray:
@@ -177,6 +104,28 @@ def at_end(scene: Scene, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
     system = full_model(scene).batch(samples(scene, n), n)
     run = integrate(system, scene.simulation)
     return run.status, system.unpack(run.state.q)[:, -1]
+
+
+def test_a_bar_that_bends_converges_to_its_own_equations() -> None:
+    """Radau on accelerations that one correction with the mass alone gives, through two reversals of the friction."""
+    duration, every = 0.06, np.ones(1, dtype=bool)
+    model = reduced_model(scene_from_toml(HINGE, ".", (f"simulation.duration={duration}",)))
+    system, only_mass = model.batch({}, 1), Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=1e30)
+    start, n = system.start(), system.n_eta
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        state = State(y[None, :n].copy(), y[None, n:].copy(), np.zeros((1, n)), np.zeros(0))
+        system.begin_iteration()
+        system.correct(t, state, only_mass, every, True)
+        return np.concatenate([y[n:], state.a[0]])
+
+    begin = np.concatenate([start.q[0], start.v[0]])
+    exact = solve_ivp(rates, (0.0, duration), begin, "Radau", rtol=1e-8, atol=1e-12).y[0, -1]
+    errors = []
+    for step in (5e-4, 1.25e-4, 3.125e-5):
+        simulation = model.scene.simulation.model_copy(update={"step": step})
+        errors.append(abs(integrate(model.batch({}, 1), simulation).state.q[0, 0] - exact) / abs(exact))
+    assert np.all(np.diff(np.log(errors)) < -np.log(12.0)) and errors[-1] < 1e-6, errors
 
 
 def test_a_light_hinge_converges_with_the_second_order() -> None:
@@ -238,15 +187,10 @@ type = "gravity"
 def test_one_correction_is_not_enough_where_friction_changes(step: float) -> None:
     """How a step before contracted says nothing: a pendulum that comes to rest in its friction ended 3, 15 and 36 % off."""
     entries = (
-        "bodies.bar.line={length=0.6, elements=6}",
-        'bodies.bar.section={shape="circle", radius=0.005}',
-        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}",
-        "effects.f.limit=0.8",
-        "effects.f.speed=0.01",
-        "reduction.angles=24",
-        'reduction.interpolation="spline"',
-        "simulation.duration=1.0",
-    )
+        "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
+        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",
+        "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=1.0",
+    )  # fmt: skip
     scene = scene_from_toml(PENDULUM, ".", (*entries, f"simulation.step={step}"))
     fine = scene_from_toml(PENDULUM, ".", (*entries, "simulation.step=1e-4"))
     model = ReducedModel(scene, built_rom(scene))

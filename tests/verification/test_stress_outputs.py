@@ -1,7 +1,5 @@
 """Stress outputs of all models, single and in ensembles, against statics, Kirsch's hole, and the mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -22,63 +20,32 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
-from scenes import HEADER
+from scenes import HEADER, tables
 
 WITHIN = 0.02  # what stress outputs are asked to be within
 LENGTH, HEIGHT, WIDTH, FORCE = 1.0, 0.1, 0.01, 100.0
 MODELS = ("full", "components", "reduced")
 
-HELD = (
-    HEADER
-    + """
-[parameters.E1]
-nominal = 210e9
-distribution = {{ name = "uniform", loc = 190e9, scale = 40e9 }}
-[materials.soft]
-E = "E1"
-nu = 0.3
-rho = 7800.0
-[bodies.bar]
-mesh = "0.0:1.0:5"
-element = "{element}"
-material = "soft"
+HELD = HEADER + tables("""
+parameters.E1: nominal = 210e9; distribution = {{ name = "uniform", loc = 190e9, scale = 40e9 }}
+materials.soft: E = "E1"; nu = 0.3; rho = 7800.0
+bodies.bar: mesh = "0.0:1.0:5"; element = "{element}"; material = "soft"
 {more}
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:{root}"]
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:{root}"]
 {axis}
-[coordinates.theta]
-joint = "hinge"
-range = [-0.2, 0.2]
-[effects.hold]
-type = "prescribed_motion"
-coordinate = "theta"
-table = [[0.0, 0.0], [10.0, 0.0]]
-[effects.pull]
-type = "force"
-point = "bar:{tip}"
-direction = {direction}
-table = [[0.0, 100.0], [10.0, 100.0]]
-[initial]
-equilibrium = true
-[reduction]
-modes = 4
-static_modes = true
-inertia_modes = true
-angles = 6
-interpolation = "spline"
-[simulation]
-duration = 2e-4
-step = 1e-4
-frames = 2
-"""
-)
+coordinates.theta: joint = "hinge"; range = [-0.2, 0.2]
+effects.hold: type = "prescribed_motion"; coordinate = "theta"; table = [[0.0, 0.0], [10.0, 0.0]]
+effects.pull: type = "force"; point = "bar:{tip}"; direction = {direction}; table = [[0.0, 100.0], [10.0, 100.0]]
+initial: equilibrium = true
+reduction: modes = 4; static_modes = true; inertia_modes = true; angles = 6; interpolation = "spline"
+simulation: duration = 2e-4; step = 1e-4; frames = 2
+""")
 
 
 def held(element: str, *overrides: str, direction: tuple[float, ...] = (0.0, -1.0)) -> Scene:
@@ -255,21 +222,15 @@ def spinning(element: str, *overrides: str) -> Scene:
     """Return a bar that turns about its end at a constant speed, 30 rad/s."""
     turning = (
         'effects={hold={type="prescribed_motion", coordinate="theta", spin_up={speed=30.0, time=0.4}}}',
-        "coordinates.theta.range=[0.0, 6.283185307179586]",
-        "coordinates.theta.periodic=true",
-        "initial.equilibrium=false",
-        "simulation.duration=0.6",
-        "simulation.step=1e-3",
-    )
+        "coordinates.theta.range=[0.0, 6.283185307179586]", "coordinates.theta.periodic=true",
+        "initial.equilibrium=false", "simulation.duration=0.6", "simulation.step=1e-3",
+    )  # fmt: skip
     return held(element, *turning, *overrides)
 
 
 @pytest.mark.parametrize(("element", "kind"), [("solid2d", "quad8"), ("beam2d", "")])
 def test_a_spinning_bar_is_pulled_by_centripetal_forces(element: str, kind: str) -> None:
-    """rho omega^2 (L^2 - x^2) / 2 at x: no joint's load does it, the answers to inertia forces have to.
-
-    One joint alone holds the bar, and nothing else names a point of it.
-    """
+    """rho omega^2 (L^2 - x^2) / 2 at x: no joint's load does it, the answers to inertia forces have to."""
     quantity = "principal_max" if kind else "stress_max"
     outputs = (asked("middle", quantity, "at=[0.5, 0.0]"), asked("far", quantity, "at=[0.8, 0.0]"))
     scene = spinning(element, *outputs, "reduction.modes=2")
@@ -430,47 +391,20 @@ def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None
 
 @pytest.mark.parametrize("modes", [1, 6])
 def test_few_component_modes_of_beams_have_the_section_forces_of_statics(modes: int) -> None:
-    """A slender cantilever in equilibrium under an oblique force at its tip: forces F and moments F (L - x).
-
-    What is left is what bends of second order, 1e-5. Of what stores 1e-5 of the energy forces in sections are made: the
-    shear force was 95 % off with one mode, and 18 % with six.
-    """
+    """A slender cantilever in equilibrium under an oblique force at its tip: forces F and moments F (L - x)."""
     tall, wide = 0.8, 0.6  # shares of the force of 2 N
-    text = (
-        HEADER
-        + f"""
-[bodies.bar]
-mesh = "0.0:0.6:8"
-element = "beam3d"
-material = "steel"
-section = {{ shape = "rectangle", width = 0.02, height = 0.006 }}
-orientation = [0.0, 0.0, 1.0]
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:hinge"]
-axis = [0.0, 1.0, 0.0]
-[coordinates.theta]
-joint = "hinge"
-range = [-0.5, 0.5]
-[effects.hold]
-type = "prescribed_motion"
-coordinate = "theta"
-table = [[0.0, 0.0], [1.0, 0.0]]
-[effects.load]
-type = "force"
-point = "bar:tip"
-direction = [0.0, {wide}, {tall}]
-follows = true
-table = [[0.0, 2.0], [1.0, 2.0]]
-[initial]
-equilibrium = true
-[reduction]
-modes = {modes}
-[simulation]
-duration = 0.002
-step = 1e-3
-"""
-    )
+    text = HEADER + tables(f"""
+bodies.bar: mesh = "0.0:0.6:8"; element = "beam3d"; material = "steel";
+    section = {{ shape = "rectangle", width = 0.02, height = 0.006 }}; orientation = [0.0, 0.0, 1.0]
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:hinge"]; axis = [0.0, 1.0, 0.0]
+coordinates.theta: joint = "hinge"; range = [-0.5, 0.5]
+effects.hold: type = "prescribed_motion"; coordinate = "theta"; table = [[0.0, 0.0], [1.0, 0.0]]
+effects.load: type = "force"; point = "bar:tip"; direction = [0.0, {wide}, {tall}]; follows = true;
+    table = [[0.0, 2.0], [1.0, 2.0]]
+initial: equilibrium = true
+reduction: modes = {modes}
+simulation: duration = 0.002; step = 1e-3
+""")
     expected = {
         "shear_force_2": 2.0 * tall, "shear_force_3": -2.0 * wide,
         "bending_moment_2": 2.0 * wide * 0.4, "bending_moment_3": 2.0 * tall * 0.4,

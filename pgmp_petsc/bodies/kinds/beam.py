@@ -34,24 +34,13 @@ NODE_SECONDS = {2: 4.0e-7, 3: 4.0e-5}  # of a step, by the dimension
 
 @dataclass(frozen=True, kw_only=True)
 class Beam(Body):
-    """A body of beams.
+    """A body of beams."""
 
-    Attributes
-    ----------
-    section
-        Sectional coefficients.
-    axes
-        Axes of the elements in space, shape (n_elements, 3, 3), see `beam3d`; None in the plane.
-    profiles
-        What the constants are multiplied by, element by element.
-    lever
-        `BeamSection.lever` of the nominal section in space.
-    """
-
-    section: BeamSection
+    section: BeamSection  # sectional coefficients
+    #: axes of the elements in space, shape (n_elements, 3, 3), see `beam3d`; None in the plane
     axes: np.ndarray | None = None
-    profiles: Profiles = UNIFORM
-    lever: float = 0.0
+    profiles: Profiles = UNIFORM  # what the constants are multiplied by, element by element
+    lever: float = 0.0  # `BeamSection.lever` of the nominal section in space
 
     fibred = True
 
@@ -260,10 +249,7 @@ class _Third(ThirdPart):
 def axes_of(scene: Scene, name: str, mesh: LineMesh) -> np.ndarray:
     """Return the axes of the elements of a body of beams in space, shape (n_elements, 3, 3).
 
-    Raises
-    ------
-    InputError
-        If the orientation of its section is parallel to one of its elements.
+    Raises `InputError` if the orientation of its section is parallel to one of its elements.
     """
     entry = scene.bodies[name]
     edges = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]

@@ -19,15 +19,9 @@ from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 @dataclass(frozen=True, kw_only=True)
 class CondensedBody(Recovered, Body):
-    """A condensed body.
+    """A condensed body."""
 
-    Attributes
-    ----------
-    component
-        Its matrices.
-    """
-
-    component: Component
+    component: Component  # its matrices
 
     dense = True
 

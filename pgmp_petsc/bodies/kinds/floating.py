@@ -19,15 +19,9 @@ from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 @dataclass(frozen=True, kw_only=True)
 class BodyInFloatingFrame(Recovered, Body):
-    """A body in a floating frame, whose origin is that of the body's own.
+    """A body in a floating frame, whose origin is that of the body's own."""
 
-    Attributes
-    ----------
-    floating
-        Its moments, stiffness and shapes.
-    """
-
-    floating: FloatingBody
+    floating: FloatingBody  # its moments, stiffness and shapes
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:

@@ -23,15 +23,9 @@ UNKNOWN_SECONDS = {2: 7.0e-7, 3: 3.0e-5}  # of a step, by the dimension
 
 @dataclass(frozen=True, kw_only=True)
 class BodyOnMesh(Body):
-    """A continuum body on its mesh, or with its matrices.
+    """A continuum body on its mesh, or with its matrices."""
 
-    Attributes
-    ----------
-    framed
-        Mesh and frames.
-    """
-
-    framed: FramedSolid
+    framed: FramedSolid  # mesh and frames
 
     @classmethod
     def takes(cls, entry: BodyEntry, shape: object) -> bool:

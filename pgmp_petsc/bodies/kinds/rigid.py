@@ -26,18 +26,11 @@ STEP_SECONDS = 1.0e-6
 
 @dataclass(frozen=True, kw_only=True)
 class RigidBody(Body):
-    """A rigid body, from lines, a mesh or matrices, or a point mass.
+    """A rigid body, from lines, a mesh or matrices, or a point mass."""
 
-    Attributes
-    ----------
-    component
-        Its mass in space; None in the plane, and of a point mass, where `lumps` have it.
-    drawn
-        What pictures show; None where it is not known.
-    """
-
+    #: its mass in space; None in the plane, and of a point mass, where `lumps` have it
     component: Component | None = None
-    drawn: SolidMesh | LineMesh | None = None
+    drawn: SolidMesh | LineMesh | None = None  # what pictures show; None where it is not known
 
     flexible = False
 

@@ -22,18 +22,10 @@ RARE = 1e-6  # share of samples beyond values that sections are made for
 
 @dataclass(frozen=True)
 class BeamSection:
-    """Coefficients of beams.
+    """Coefficients of beams."""
 
-    Attributes
-    ----------
-    stiffness
-        (EA, k_s GA, EI), in space (EA, GA_2, GA_3, GJ, EI_2, EI_3), N and N m^2.
-    mass
-        (rho A, rho I), in space (rho A, rho I_2, rho I_3), kg/m and kg m.
-    """
-
-    stiffness: tuple[AffineSum, ...]
-    mass: tuple[AffineSum, ...]
+    stiffness: tuple[AffineSum, ...]  # (EA, k_s GA, EI), in space (EA, GA_2, GA_3, GJ, EI_2, EI_3), N and N m^2
+    mass: tuple[AffineSum, ...]  # (rho A, rho I), in space (rho A, rho I_2, rho I_3), kg/m and kg m
 
     @classmethod
     def of(cls, scene: Scene, body: str) -> BeamSection:
@@ -61,11 +53,10 @@ class BeamSection:
     def terms(self, kind: str) -> dict[Monomial, tuple[float, ...]]:
         """Return the coefficients of ``"mass"`` or ``"stiffness"`` by monomial, zeros where one has it not."""
         sums = [dict(part.terms) for part in getattr(self, kind)]
-        return {monomial: tuple(part.get(monomial, 0.0) for part in sums) for monomial in dict.fromkeys(_in(sums))}
-
-
-def _in(sums: list[dict[Monomial, float]]) -> list[Monomial]:
-    return [monomial for part in sums for monomial in part]
+        return {
+            monomial: tuple(part.get(monomial, 0.0) for part in sums)
+            for monomial in dict.fromkeys([monomial for part in sums for monomial in part])
+        }
 
 
 class ShapedSection(SectionEntry):

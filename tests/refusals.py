@@ -1,0 +1,21 @@
+"""Tables of what is refused, a case a line: ``what is asked -> how the answer begins``.
+
+An answer that begins with ``=`` or ``:`` speaks of the entry that is asked for; ``|`` in it stands for any words,
+``||`` for the end of a line. ``&`` is between the parts of what is asked.
+"""
+
+
+def cases(text: str) -> list[tuple[str, str]]:
+    """Return what is asked and what is said to it; empty lines and those that begin with # are for readers."""
+    lines = (line for line in text.splitlines() if line and not line.startswith("#"))
+    return [tuple(" ".join(part.split()) for part in line.split(" -> ", 1)) for line in lines]
+
+
+def check_said(message: str, said: str, asked: str) -> None:
+    """Assert that a message has as many lines as are said, and that each begins so and goes on with these words."""
+    if said.startswith(("=", ":")):
+        said = asked.partition("=")[0] + (" " + said if said[0] == "=" else said)
+    lines = said.split(" || ")
+    assert message.count("\n") == len(lines) - 1, message
+    for line, (start, *words) in zip(message.splitlines(), (one.split(" | ") for one in lines)):
+        assert line.startswith(start) and all(word in line for word in words), f"{line!r} is not {said!r}"
