@@ -11,7 +11,8 @@ Where nine tenths of the samples have the same g, and few or none are nearer (an
 the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g then;
 their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (sequential
 Monte Carlo: Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436), which makes
-them points of a level (`_Chains.from_afar`). Where they find nothing, all runs that are left are plain samples, whose
+them points of a level (`_Chains.from_afar`); but where bisection finds design points that explain all of them,
+chains begin there. Where they find nothing, all runs that are left are plain samples, whose
 interval is that of a share. Where the levels come to their end before the event, the last of them is weighed in its
 place: its probability bounds that of the event.
 
@@ -23,14 +24,22 @@ shares. The first round does no more than that. Of each later one the mean of ``
 probability: unbiased wherever the points are, as rounds before are given, so that the rounds are uncorrelated and their
 variances add. They count as the square roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no
 estimate of how much the later ones are better. The interval is that of the central limit theorem. What it rests on is
-that no part of the event is far from all points: in many variables a part that no level has seen has no part in the
-interval either.
+that no part of the event is far from all points: in many variables a part that neither a level nor a search has seen
+has no part in the interval either.
 
 Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
 known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
 through the means of the clusters of all levels, opposite to them, and along each variable both ways enter the event
 near the design points of its parts, which importance sampling of events with several parts takes for centres (Au,
 Papadimitriou and Beck, Structural Safety 21 (1999) 113-133).
+
+From there, and from all points whose g no plane that touches it elsewhere explains (of levels, and of samples of
+deviations up to 3), searches lead to design points (`design_points`). Of every round a share is from beyond the planes
+that touch the border there, in proportion to their probabilities, whose weights are the sum of those over the number of
+planes that a sample is beyond: exact of a union of half-spaces but for overlaps (Owen, Maximov and Chertkov, Electronic
+Journal of Statistics 13 (2019) 231-254). The share is that of the least variance (Neyman), by what of the event lies
+before all planes. Where searches still found new ones when samples for them ended, parts may be missing, and nothing is
+decided: the interval goes on to what the levels alone leave open.
 
 A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
 the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
@@ -220,7 +229,9 @@ class RareSamples:
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0
-        if not inside.any() or self.is_plain or not (self.design is None or self.design.is_open):
+        if self.is_plain or self.is_weak or self.weighed > 0.0 or not inside.any():
+            return False
+        if not (self.design is None or self.design.is_open):
             return False
         if OUTSIDE * found.sum() / outside_of(points[inside]) >= 1.0:
             return False

@@ -378,7 +378,9 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
     cure = "it is rarer, or cannot happen; take a larger -n, or a level that is nearer"
     low, bound = found.interval(confidence)
     if found.may_have_lost_parts:
-        looked = "further ones were still found when samples for searches ended" if found.design else "nothing looked"
+        looked = "no search looked for more"
+        if found.design is not None:
+            looked = "searches still found more when samples for them ended"
         return (
             f"not decided: the event has parts that lie apart, and {looked}, so that whole parts of it may be missing: "
             f"from those that were found it is {low:.3g} at least, and {bound:.3g} at most by the levels alone "
