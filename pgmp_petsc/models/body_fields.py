@@ -131,9 +131,10 @@ class ReducedFields:
         places = placed(space, pose, undeformed(field) + moved[:, : space.dimension])
         curved = amplitudes.curved and body.strains_follow_frames
         unmet = None if missed is None else body.displacements(missed)
+        strained = body.displacements(amplitudes.strained(eta)) if amplitudes.has_own_strains else moved
 
         def strains(points: Strains) -> np.ndarray:
-            found = strains_of_beams(body, points, y) if curved else points.of_displacements(moved)
+            found = strains_of_beams(body, points, y) if curved else points.of_displacements(strained)
             if unmet is None:
                 return found
             return found + self._missed.softening(field.stresses.law, points, values) * points.of_displacements(unmet)

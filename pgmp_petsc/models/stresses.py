@@ -10,6 +10,9 @@ inertia forces.
 Away from the nominal parameters a basis misses of the forces what hardly bends; `reduction.missed_answers` has what is
 added to the strains.
 
+Of second order in them, bodies of cells have the strains that `Recovery.curved` stands for besides. Linear strains of
+what a body that bends is shorter by are none of it: of a rod of 0.3 m they were 0.4 % of its largest stress.
+
 A reduced model of second order has beams with ``u = Psi delta + 1/2 chi delta delta``; their strains are taken in full
 there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 """
@@ -17,6 +20,7 @@ there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +32,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.missed_answers import Missed
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -90,7 +95,7 @@ class ReducedStresses:
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
-        amplitudes = {number: shapes.of(eta) for number, shapes in self._amplitudes.items()}
+        amplitudes = {number: shapes.strained(eta) for number, shapes in self._amplitudes.items()}
         missed = self._missed.amplitudes(eta, values)
         rows = [self._of(stress, amplitudes[stress.body], missed.get(stress.body), values) for stress in self._stresses]
         return np.array(rows).reshape(len(rows), len(eta))
@@ -140,7 +145,7 @@ class MissedStrains:
 
 
 class Amplitudes:
-    """The unknowns of a body in its frame, from reduced coordinates.
+    """The unknowns of a body in its frame, from reduced coordinates, and those that have its strains.
 
     Parameters
     ----------
@@ -155,11 +160,34 @@ class Amplitudes:
 
     def __init__(self, rom: ReducedOrderModel, body: Body, scheme: str) -> None:
         self.curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
-        self._shapes = rom.displacements(scheme, body.dofs)
+        self._shapes = self._strained = rom.displacements(scheme, body.dofs)
+        of_pairs = body.curved_strains if self.curved else None
+        self.has_own_strains = of_pairs is not None
+        if self.has_own_strains:
+            found = _curved_strains(of_pairs, rom.projection[:, body.dofs])
+            rows = self._shapes.rows.copy()
+            rows[..., rom.projection.shape[2] :, :] += interpolant(rom.tables.samples, found, scheme).rows
+            self._strained = replace(self._shapes, rows=rows)
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return them, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
         return self._shapes.product(eta[:, : self._n_theta], eta[:, self._n_theta :]).T
+
+    def strained(self, eta: np.ndarray) -> np.ndarray:
+        """Return those whose linear strains are the body's, shape (n_dofs, n): see `Recovery.curved`."""
+        return self._strained.product(eta[:, : self._n_theta], eta[:, self._n_theta :]).T
+
+
+def _curved_strains(of_pairs: np.ndarray, projection: np.ndarray) -> np.ndarray:
+    """Return `Recovery.curved` of pairs of modes, shape (n, n_pairs, n_dofs), of a projection (n, n_dofs, m)."""
+    (n, n_dofs, m), packed = projection.shape, np.tril_indices(projection.shape[1])
+    whole = np.empty((n_dofs, n_dofs, n_dofs))
+    whole[packed] = whole[packed[::-1]] = of_pairs
+    found, pairs = np.empty((n, m * (m + 1) // 2, n_dofs)), np.tril_indices(m)
+    for modes, own in zip(projection, found):
+        half = np.tensordot(modes.T, whole, 1)
+        own[:] = np.einsum("maj,an->mnj", half, modes, optimize=True)[pairs]
+    return found
 
 
 def strains_of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:

@@ -177,6 +177,7 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *_on_angles(scene, store.samples, basis.uneven),
+        *_on_vectors(scene.reduction.parameter_modes, tables.n_modes - joined.n_kept),
     )
     return ReducedOrderModel(
         tables=tables,
@@ -189,7 +190,7 @@ def _built(
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
-        points=points,
+        points=replace(points, n_vectors=tables.n_modes - joined.n_kept),
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
@@ -231,6 +232,18 @@ def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark
     return ()
 
 
+def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
+    """Return what is said where there are fewer vectors of other parameter values than asked for."""
+    if found == asked:
+        return ()
+    return (
+        warning(
+            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, as "
+            "others vanish between those that were sampled first; outputs at other parameter values may be served less"
+        ),
+    )
+
+
 @dataclass(frozen=True)
 class _Sampling:
     """How the samples of one build are computed."""
@@ -256,10 +269,11 @@ class _Sampling:
                     joined = store.join()
                 with agreed(world, "compression"):
                     if joined is not None:
-                        # later rounds take the first one's: other vectors would have other tables to compare
-                        compression = compression or compression_of(
-                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes
+                        found = compression_of(
+                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes, compression
                         )
+                        if found is not compression:  # other vectors have other tables: nothing to compare
+                            previous, compression = None, found
                         basis = ContinuousBasis.of(
                             mechanism, store.samples, loads, joined, compression,
                             scene.nominal if scene.second_order else None,

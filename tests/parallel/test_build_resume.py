@@ -46,8 +46,7 @@ main()
 SCENES = {
     "beams": ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=16"),
     "solids": (
-        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",
-    ),
+        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",),
 }  # fmt: skip
 
 

@@ -1,8 +1,4 @@
-"""Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing.
-
-`test_reduced_actions` compares local effects, damping and drives with the full-order model; here are the kinds that it
-leaves out, and closed forms of all that turn a single stiff bar.
-"""
+"""Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing."""
 
 from collections import Counter
 from pathlib import Path

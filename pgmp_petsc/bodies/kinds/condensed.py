@@ -71,6 +71,11 @@ class CondensedBody(Recovered, Body):
         """See `Recovered`."""
         return self.component.recovery
 
+    @property
+    def curved_strains(self) -> np.ndarray | None:
+        """See `Body`."""
+        return None if self.recovery is None else self.recovery.curved
+
     def own_weights(self, kind: str) -> set[Monomial]:
         """See `Body`."""
         return set(self.component.terms(kind))
