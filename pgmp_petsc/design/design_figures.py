@@ -17,7 +17,7 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -6,7 +6,7 @@ happens to their order of importance along theta. C holds the leading eigenvecto
 ``mean_k X_k^T M X_k`` (a proper orthogonal decomposition in the M-norm over all samples).
 
 Where in the parameter space they are taken is a greedy choice. Candidates span the distributions
-(`scene.spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
+(`spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
 and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
 point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
 worst candidate hardly better."""
@@ -27,7 +27,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
 
 
 class ParameterSnapshots:

@@ -46,7 +46,7 @@ def group() -> RankGroup:
 
 def vibrations(scene: Scene, kinematics: RigidKinematics, theta: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the frequencies (n, n_modes) at configurations (n,) or (n, n_theta), Hz."""
-    from pgmp_petsc.modes.vibration import VibrationProblem, frequencies_of
+    from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 
     springs, _ = springs_of(scene, kinematics)
     with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
