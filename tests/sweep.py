@@ -48,29 +48,15 @@ def refusal(scene: Path, command: str) -> str | None:
 
 @dataclass(frozen=True)
 class Ending:
-    """How one command ended.
+    """How one command ended."""
 
-    Attributes
-    ----------
-    scene, command
-        Name of the scene, and the command's first words.
-    status
-        Exit statuses of all ranks.
-    out, err
-        What rank 0 printed.
-    seconds
-        Wall time.
-    refused
-        Part of the message with which it must end (see `refusal`); None where it is to work.
-    """
-
-    scene: str
+    scene: str  # name of the scene, and the command's first words
     command: str
-    status: tuple[int, ...]
-    out: str
+    status: tuple[int, ...]  # exit statuses of all ranks
+    out: str  # what rank 0 printed
     err: str
-    seconds: float
-    refused: str | None = None
+    seconds: float  # wall time
+    refused: str | None = None  # part of the message with which it must end (see `refusal`); None where it is to work
 
     @property
     def faults(self) -> list[str]:
