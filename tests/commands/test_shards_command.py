@@ -23,10 +23,7 @@ ASKED = overridden(
     'ensemble.probabilities.begun={output="crank_angle", above=2e-3, when="ever"}',
 )
 # a Latin hypercube depends on the number of all samples
-KINDS = {
-    "random": (),
-    "latin_hypercube": ("--sampler", "latin_hypercube"),
-}
+KINDS = {"random": (), "latin_hypercube": ("--sampler", "latin_hypercube")}
 
 
 @pytest.fixture(scope="module")

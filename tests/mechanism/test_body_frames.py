@@ -63,9 +63,7 @@ def test_the_constraint_jacobian_is_that_of_the_nodes(kinematics: RigidKinematic
         np.testing.assert_allclose(column, slope, rtol=0, atol=1e-9)
 
 
-def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(
-    kinematics: RigidKinematics,
-) -> None:
+def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(kinematics: RigidKinematics) -> None:
     mechanism = kinematics.mechanism
     poses = kinematics.poses(np.array([2.3]))[..., 0]
     q = mechanism.place(poses)

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.cell_products import (
-    SecondOrderTables,
-    pair_products,
-    pair_rotations,
-    symmetric,
-    unpacked,
-)
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, pair_rotations, symmetric, unpacked
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.groups import RankGroup
 from scenes import meshes_of, slider_crank

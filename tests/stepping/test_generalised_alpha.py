@@ -167,12 +167,7 @@ def amplification(scheme: Scheme, omega_h: float) -> np.ndarray:
         ]
     )
     right = np.array(
-        [
-            [1.0, 1.0, 0.0, 0.5 - s.beta],
-            [0.0, 1.0, 0.0, 1 - s.gamma],
-            [0.0, 0.0, s.alpha_f, -s.alpha_m],
-            [0.0] * 4,
-        ]
+        [[1.0, 1.0, 0.0, 0.5 - s.beta], [0.0, 1.0, 0.0, 1 - s.gamma], [0.0, 0.0, s.alpha_f, -s.alpha_m], [0.0] * 4]
     )
     return np.linalg.solve(left, right)
 
