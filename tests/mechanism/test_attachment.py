@@ -11,6 +11,7 @@ from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import Statement, angle
 from pgmp_petsc.mechanism.unknowns import Unknowns
+from scenes import tables
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step
 NODE = np.zeros(2)
@@ -28,24 +29,14 @@ JOINTS = {
     "angle": (angle(np.eye(2), TURNED),),
 }
 # a rigid bar welded at its tip to a second one, which carries a mass at its middle; a flexible one beyond
-WELDED = (
-    BAR
-    + """
-[bodies.arm]
-line = { length = 0.5, elements = 2 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 2.0, rotary_density = 0.1 }
-placement = { origin = [1.0, 0.0], angle = 0.7 }
-[joints.weld]
-type = "fixed"
-connect = ["bar:tip", "arm:hinge"]
-[effects.bob]
-type = "point_mass"
-point = "arm:tip"
-mass = 0.3
-"""
-)
+WELDED = BAR + tables("""
+bodies.arm: line = { length = 0.5, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 2.0, \
+rotary_density = 0.1 };
+    placement = { origin = [1.0, 0.0], angle = 0.7 }
+joints.weld: type = "fixed"; connect = ["bar:tip", "arm:hinge"]
+effects.bob: type = "point_mass"; point = "arm:tip"; mass = 0.3
+""")
 
 
 def unknowns() -> np.ndarray:

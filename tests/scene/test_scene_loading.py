@@ -13,29 +13,19 @@ from pgmp_petsc.joints.meeting import Revolute
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import GROUND, Scene, load_scene, scene_from_toml, scene_to_toml, split_point
+from scenes import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 SLIDER_CRANK = ROOT / "scenes" / "slider_crank.toml"
 
-MINIMAL = """
-[scene]
-name = "pendulum"
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 7800
-[bodies.arm]
-mesh = "arm.msh"
-element = "beam2d"
-material = "steel"
-section = { shape = "rectangle", width = 0.01, height = 0.02 }
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "arm:0"]
-[coordinates.phi]
-joint = "hinge"
-range = [-1.0, 1.0]
-"""
+MINIMAL = tables("""
+scene: name = "pendulum"
+materials.steel: E = 210e9; nu = 0.3; rho = 7800
+bodies.arm: mesh = "arm.msh"; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.01, height = 0.02 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:0"]
+coordinates.phi: joint = "hinge"; range = [-1.0, 1.0]
+""")
 
 
 @pytest.fixture(scope="module")
