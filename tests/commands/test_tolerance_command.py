@@ -35,7 +35,7 @@ reduction={tolerance=1e-8, PLAIN} & SHORT & RIGID & effects.motor.table=[[0.0, 0
 * simulation={tolerance=1e-3, duration=0.1, step=1e-3} ->
     simulation.tolerance = 0.001: cannot be met, the time step stands in the way | step: at best 0.00 |
     allowed 0.0005 | simulation.step = 0.001 is kept as given; leave it out to have it chosen
-* reduction={tolerance=1e-4, PLAIN} & simulation={duration=0.15, step=1e-3, initial={theta={position=1.0}}} &
+reduction={tolerance=1e-4, PLAIN} & simulation={duration=0.15, step=1e-3, initial={theta={position=1.0}}} &
     effects.weight={type='gravity'} & effects.wall={type='end_stop', joint='slider', upper=0.86, stiffness=1e5} ->
     effects.weight acts at once at the start | starts where they are, halving the step then moves 0.00 |
     and the same basis leaves 0.00
