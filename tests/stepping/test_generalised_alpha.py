@@ -186,14 +186,6 @@ def test_it_is_stable_for_every_step_and_damps_high_frequencies_most(radius: flo
     assert np.all(np.diff(values) <= 1e-4)
 
 
-@pytest.mark.parametrize("radius", RADII)
-def test_the_coefficients_fulfil_the_condition_of_second_order(radius: float) -> None:
-    s = Scheme.of(radius, 0.25)
-    assert s.gamma == pytest.approx(0.5 + s.alpha_f - s.alpha_m, abs=1e-15)
-    assert s.gain_v == pytest.approx(s.gamma / (s.beta * 0.25), rel=1e-14)
-    assert s.gain_a == pytest.approx((1 - s.alpha_m) / ((1 - s.alpha_f) * s.beta * 0.25**2), rel=1e-14)
-
-
 def test_the_extremes_are_known_schemes() -> None:
     trapezoidal = Scheme.of(1.0, 1.0)
     assert (trapezoidal.alpha_m, trapezoidal.alpha_f, trapezoidal.beta, trapezoidal.gamma) == (0.5, 0.5, 0.25, 0.5)
