@@ -140,6 +140,12 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written_by_commands(tmp_path_factory.mktemp("by_commands"))
 
 
+@pytest.fixture(scope="module")
+def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder that the tests of a module share."""
+    return tmp_path_factory.mktemp(request.module.__name__)
+
+
 @pytest.fixture(scope="session")
 def parallel_scripts() -> Path:
     """Return the directory of the scripts that tests run on several ranks."""

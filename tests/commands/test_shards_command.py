@@ -27,11 +27,6 @@ KINDS = {"random": (), "latin_hypercube": ("--sampler", "latin_hypercube")}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("shards")
-
-
-@pytest.fixture(scope="module")
 def rom(folder: Path) -> Path:
     path = folder / "rom.h5"
     rom_of(paper_scene(*UNCERTAIN)).write(path)

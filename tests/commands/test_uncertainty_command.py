@@ -34,11 +34,6 @@ ASKED = overridden(
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("uncertainty")
-
-
-@pytest.fixture(scope="module")
 def rom(folder: Path) -> Path:
     path = folder / "rom.h5"
     rom_of(paper_scene(*UNCERTAIN)).write(path)
