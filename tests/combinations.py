@@ -106,17 +106,13 @@ FEATURES = {
     "second order": ("reduction.second_order=true",),
     "sampling tolerance": ("reduction.sampling_tolerance=0.5", 'reduction.interpolation="spline"'),
     "static modes": (
-        "reduction.static_modes=true",
-        "reduction.inertia_modes=true",
-        'effects.x={{type="gravity",direction={down}}}',
+        "reduction.static_modes=true", "reduction.inertia_modes=true", 'effects.x={{type="gravity",direction={down}}}',
     ),  # fmt: skip
     "step by tolerance": ("simulation.tolerance=0.05",),
     "no error indicator": ("simulation.error_indicator=false",),
     "equilibrium": ("initial.equilibrium=true", 'effects.x={{type="gravity",direction={down}}}'),
     "free equilibrium": (
-        "initial.equilibrium=true",
-        'initial.coordinates="free"',
-        'effects.x={{type="gravity",direction={down}}}',
+        "initial.equilibrium=true", 'initial.coordinates="free"', 'effects.x={{type="gravity",direction={down}}}',
     ),  # fmt: skip
     "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
@@ -138,7 +134,7 @@ FEATURES = {
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',
     ),
     "rigid first body": ("bodies.{first}.flexible=false",),
-}
+}  # fmt: skip
 TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",
         "simulation.frames=2", "ensemble.checked_share=1.0")  # fmt: skip
 

@@ -47,7 +47,6 @@ MPI_ENVIRONMENT = {
 # is left out where nobody asks for it, so that the suite ends within half an hour; `scripts/test --thorough` has it.
 THOROUGH = (
     "hard_cases/test_revolutions.py::test_energy_is_kept_without_damping[100-",
-    "parallel/test_ensemble_effects.py::test_samples_do_not_depend_on_ranks[double_pendulum]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[slider_crank_solid3d-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[spatial_mixed-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[double_pendulum-1]",

@@ -122,12 +122,9 @@ def paper_rom() -> ReducedOrderModel:
 def accurate_scene(*overrides: str) -> Scene:
     """Return the paper's slider-crank with a reduction that is both smaller and more accurate than the paper's."""
     return paper_scene(
-        "reduction.modes=7",
-        "reduction.static_modes=true",
-        "reduction.angles=48",
-        'reduction.interpolation="spline"',
+        "reduction.modes=7", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
         *overrides,
-    )
+    )  # fmt: skip
 
 
 def samples(scene: Scene, n: int, **given: object) -> dict[str, np.ndarray]:

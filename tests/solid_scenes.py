@@ -15,17 +15,11 @@ HEIGHT, THICKNESS = np.sqrt(3.0) * RADIUS, np.pi * RADIUS / np.sqrt(3.0)
 BODY = f'{{mesh="none", element="solid2d", material="steel", thickness={THICKNESS}}}'
 GRAVITY = 'effects.weight={type="gravity"}'
 SOLID = (
-    "parameters={}",
-    f"bodies.crank={BODY}",
-    f"bodies.rod={BODY}",
-    'joints.crank_hinge.connect=["ground:origin", "crank:left"]',
-    'joints.elbow.connect=["crank:right", "rod:left"]',
-    'joints.slider.connect=["ground:origin", "rod:right"]',
-    'outputs.slider_position.point="rod:right"',
-    'outputs.slider_deformation.point="rod:right"',
-    "reduction.parameter_modes=0",
-    "reduction.second_order=false",
-)
+    "parameters={}", f"bodies.crank={BODY}", f"bodies.rod={BODY}",
+    'joints.crank_hinge.connect=["ground:origin", "crank:left"]', 'joints.elbow.connect=["crank:right", "rod:left"]',
+    'joints.slider.connect=["ground:origin", "rod:right"]', 'outputs.slider_position.point="rod:right"',
+    'outputs.slider_deformation.point="rod:right"', "reduction.parameter_modes=0", "reduction.second_order=false",
+)  # fmt: skip
 
 
 def solid_slider_crank(*overrides: str) -> Scene:

@@ -51,7 +51,9 @@ reduction: modes = 3; angles = 6
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
-SPATIAL_BARS = ('bodies.crank.mesh="0.0:0.1:2"', 'bodies.rod.mesh="0.0:0.3:3"', 'bodies.slider.mesh="0.0:0.05:1"')
+SPATIAL_BARS = (
+    'bodies.crank.mesh="0.0:0.1:2"', 'bodies.rod.mesh="0.0:0.3:3"', 'bodies.slider.mesh="0.0:0.05:1"',
+)  # fmt: skip
 
 
 def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:

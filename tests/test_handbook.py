@@ -22,8 +22,8 @@ from handbook_blocks import Block, blocks_of, commands_of, merged, pages, shell_
 from pgmp_petsc.cli.main import COMMANDS
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_tables
+from pgmp_petsc.scene.loading import template_names
 from pgmp_petsc.scene.reference_page import editor_schema, reference_page
-from pgmp_petsc.scene.template import template_names
 
 PAGES = pages()
 BLOCKS = [block for path in PAGES for block in blocks_of(path)]

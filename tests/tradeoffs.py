@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-from pgmp_petsc.bench.sweep import Sweep
+from pgmp_petsc.bench.candidates import Sweep
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -50,14 +50,9 @@ outputs.crank_angle: type = "angle"; joint = "crank_hinge"
 outputs.slider_deformation: type = "deformation"; point = "rod:tip"; axis = "x"
 """)
 SMALL = (
-    "reduction.modes=4",
-    "reduction.angles=24",
-    "simulation.duration=0.02",
-    "simulation.step=1e-3",
-    "ensemble.batch=16",
-    'bodies.crank.mesh="0.0:0.3:2"',
-    'bodies.rod.mesh="0.3:1.0:2"',
-)
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "simulation.step=1e-3", "ensemble.batch=16",
+    'bodies.crank.mesh="0.0:0.3:2"', 'bodies.rod.mesh="0.3:1.0:2"',
+)  # fmt: skip
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 
 

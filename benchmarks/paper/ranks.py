@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.tables import Table
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.trajectory import ModesTable
 
 BASE = "1"
 OTHERS = {"2": "2 ranks", "3": "3 ranks", "2_shared": "2 ranks, --ranks-per-angle 2"}

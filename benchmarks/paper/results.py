@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmarks.paper.published import NOMINAL, RADII
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results.trajectory import ModesTable, Trajectory
 
 MODELS = ("full", "reduced")
 

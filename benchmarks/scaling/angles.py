@@ -3,7 +3,7 @@
     python -m benchmarks.scaling.angles scenes/slider_crank.toml
 
 Every beam of the scene becomes a line of as many elements. Both pencils of `pgmp_petsc.modes` take the same angles in
-turns; the medians are compared. Where LAPACK's becomes the slower one is `modes.dense_pencil.MOST_UNKNOWNS`.
+turns; the medians are compared. Where LAPACK's becomes the slower one is `modes.pencils.MOST_UNKNOWNS`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mpi4py import MPI
 from benchmarks.scaling.fine_beams import refined
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes import problem as problems
-from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS
+from pgmp_petsc.modes.pencils import MOST_UNKNOWNS
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc

@@ -170,7 +170,7 @@ class Command:
     @property
     def description(self) -> str:
         """Description of the command, in paragraphs."""
-        return self.spelled(_paragraphs(self.function.described))
+        return self.spelled(re.split(r"\n\n(?=\w+\n-{3,}\n)", self.function.described)[0])
 
 
 #: What several functions have. Those without a meaning are a program's alone.
@@ -299,11 +299,6 @@ def _names_of(argument: Argument) -> Iterator[tuple[str, str]]:
     yield from ((f"--{value}", f"{argument.name} = '{value}'") for value in argument.flags)
     for part in argument.parts.values():
         yield from _names_of(part)
-
-
-def _paragraphs(text: str) -> str:
-    """Return what a docstring says before its sections."""
-    return re.split(r"\n\n(?=\w+\n-{3,}\n)", text)[0]
 
 
 def _docstring(described: str, declared: Mapping[str, Argument], returned: object, gives: str) -> str:

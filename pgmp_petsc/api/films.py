@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from pgmp_petsc.figures.motion import Motion
-    from pgmp_petsc.results.modes import ModeShape
+    from pgmp_petsc.results.trajectory import ModeShape
 
 
 FIELDS = ("mises", "deformation", "displacement", "none")

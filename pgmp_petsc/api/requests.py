@@ -247,7 +247,10 @@ class Request:
         model: str,
     ) -> Request:
         """Return what the arguments of a call ask for; refuse what does not fit together."""
-        _check_shard(shard)
+        if shard is not None:
+            whole = all(isinstance(value, int) for value in (shard.number, shard.count))
+            if not whole or not 1 <= shard.number <= shard.count:
+                raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")
         found = cls(
             n, seed, sampler, Path(samples) if isinstance(samples, (str, PathLike)) else samples, shard, tuple(correct),
             stopping or Stopping(), model,
@@ -385,11 +388,3 @@ def read_budget(text: str) -> float:
     if not 0.0 < seconds < LONGEST:
         raise InputError(f"--budget {text}: allowed is a time such as 60s, 10min or 2h, of less than three years")
     return seconds
-
-
-def _check_shard(shard: Shard | None) -> None:
-    """Refuse a shard that is none of its number."""
-    if shard is not None:
-        whole = all(isinstance(value, int) for value in (shard.number, shard.count))
-        if not whole or not 1 <= shard.number <= shard.count:
-            raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")

@@ -17,7 +17,7 @@ from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
-from pgmp_petsc.scene.template import describe_template, template_names, write_template
+from pgmp_petsc.scene.loading import describe_template, template_names, write_template
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -25,12 +25,14 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
-from pgmp_petsc.bench.errors import Errors, Trial
 from pgmp_petsc.bench.finished import Arrays, Finished, duration_text, step_seconds
 from pgmp_petsc.bench.history import (
     AnyModel,
+    Errors,
     History,
+    Trial,
     errors_between,
     floors_of,
     round_off_of,
@@ -39,7 +41,6 @@ from pgmp_petsc.bench.history import (
     with_steps,
 )
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
-from pgmp_petsc.bench.sweep import ResponseSurface
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
@@ -295,10 +296,7 @@ class Bench:
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count.
 
-        Raises
-        ------
-        RunError
-            If the scene itself, at nominal parameters, cannot be run.
+        Raises `RunError` if the scene itself, at nominal parameters, cannot be run.
         """
         names, title, setting = self._names(loads), self.full_model.title, Setting("reference", n_steps)
         cases = [self.training.case(self.scene, name) for name in names]

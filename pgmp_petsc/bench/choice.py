@@ -28,8 +28,8 @@ import numpy as np
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.errors import REDUCTION, Ledger, Trial
 from pgmp_petsc.bench.finished import Finished
+from pgmp_petsc.bench.history import REDUCTION, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.refusal import refuse
@@ -91,6 +91,8 @@ def choose(
 ) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
 
+    Raises `InputError` if a tolerance cannot be met, or there is no reference within the budget.
+
     Parameters
     ----------
     scene, meshes
@@ -101,11 +103,6 @@ def choose(
         Gets what errors are measured against and what that is predicted to take, before it is run.
     finished
         Runs of the reference that an earlier run of the program left, and where they are kept.
-
-    Raises
-    ------
-    InputError
-        If a tolerance cannot be met, or there is no reference within the budget.
     """
     timings, ledger, training = Timings(), Ledger(), Training.of(scene)
     entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"
@@ -296,10 +293,8 @@ def choose_over_lengths(
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
 
-    Raises
-    ------
-    InputError, RunError
-        As `choose`; with the lengths at which what was chosen does not keep the tolerance.
+    Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
+    tolerance.
     """
     names = length_names(scene)
     if not names:

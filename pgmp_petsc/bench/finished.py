@@ -34,10 +34,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import Remark, RunError
-from pgmp_petsc.runtime.seal import BrokenSeal, identity
+from pgmp_petsc.runtime.checkpoint_folder import SharedCheckpoint
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_to_toml
 
 if TYPE_CHECKING:
@@ -48,24 +46,9 @@ FORMAT = 1
 Arrays = dict[str, np.ndarray]
 
 
-class Finished:
-    """Results of finished tasks. Collective on `comm` where it is made.
-
-    Parameters
-    ----------
-    output
-        The file that the experiment writes in the end.
-    kind
-        What is done with the scene, of the command line; a folder of anything else is refused.
-    scene, meshes
-        What it is about; likewise.
-    comm
-        All ranks.
-    resume
-        Whether to take up what is there.
-
-    `remarks` are of files that were found and not taken up. Raises as `reduction.build_checkpoint.BuildCheckpoint`.
-    """
+class Finished(SharedCheckpoint):
+    """Results of finished tasks of an experiment: `kind` is what is done with the scene, of the command line; a folder
+    of anything else is refused, or of other scenes and meshes."""
 
     def __init__(
         self,
@@ -76,40 +59,16 @@ class Finished:
         comm: MPI.Comm,
         resume: bool,
     ) -> None:
-        self._comm = comm
         run = {"format": FORMAT, **kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
-        # ranks may work in different directories
-        self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
-        paths, self.remarks = on_root(comm, self._open, resume)
-        self._known: dict[str, Arrays] = {}
-        with agreed(comm, "reading the checkpoint"):
-            for path in paths:
-                try:
-                    self._known[path.stem] = self._folder.take(path, dict)
-                except BrokenSeal as broken:
-                    raise RunError(f"piece '{path}' cannot be read on every rank: {broken}") from broken
+        super().__init__(output, run, comm, resume, {"*": lambda name, arrays: {name: dict(arrays)}})
 
     def get(self, kind: str, task: object) -> Arrays | None:
         """Return what an earlier run left of a task; None where it left nothing."""
-        return self._known.get(_name(kind, task))
+        return self._known[0].get(_name(kind, task))
 
     def put(self, kind: str, task: object, arrays: Arrays) -> None:
         """Keep the result of a task; by the rank that did it."""
         self._folder.put(_name(kind, task), arrays)
-
-    def forget(self) -> None:
-        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
-        if not self._known:
-            self.remove()
-
-    def remove(self) -> None:
-        """Remove the folder once the file is written. Collective on all ranks."""
-        on_root(self._comm, self._folder.remove)
-
-    def _open(self, resume: bool) -> tuple[list[Path], tuple[Remark, ...]]:
-        started = self._folder.open(resume)
-        sound, broken = self._folder.sound(lambda path: self._folder.take(path, dict))
-        return sound, started + broken
 
 
 def _name(kind: str, task: object) -> str:

@@ -21,7 +21,7 @@ from pgmp_petsc.bench.candidates import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.bench.errors import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
+from pgmp_petsc.bench.history import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.runtime.errors import InputError, RunError
 
@@ -92,12 +92,7 @@ class ReductionChoice:
         """Choose; the trial that is returned is the reduced model itself.
 
         The search begins with few angles. They are doubled where that betters the best basis of medium size, and where
-        none does it, for as long as that changes the best of all.
-
-        Raises
-        ------
-        InputError
-            If the tolerance cannot be met.
+        none does it, for as long as that changes the best of all. Raises `InputError` if the tolerance cannot be met.
         """
         while (found := self._cheapest_basis()) is None:
             if self._angles_count(best := self._best_looked_at()):

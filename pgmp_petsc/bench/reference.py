@@ -130,17 +130,14 @@ def component_model(
 ) -> ComponentModel:
     """Return the component model of a scene. Collective on `comm`.
 
+    Raises `InputError` if a body cannot be put into a floating frame, or the scene has what such bodies do not take.
+
     Parameters
     ----------
     n_modes
         Modes of the mechanism that its bodies' fields serve; ``reduction.modes`` by default.
     kinematics
         Of the same mechanism, where they are at hand.
-
-    Raises
-    ------
-    InputError
-        If a body cannot be put into a floating frame, or the scene has what such bodies do not take.
     """
     modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
     serving = scene.model_copy(update={"reduction": modes})
@@ -167,10 +164,8 @@ def choose_reference(
 ) -> Reference:
     """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`.
 
-    Raises
-    ------
-    InputError
-        If neither is within the budget and none is named; or if the component model is named and there is none.
+    Raises `InputError` if neither is within the budget and none is named; or if the component model is named and there
+    is none.
     """
     wanted, budget, missing = scene.reference.model, scene.reference.budget, why_no_full_model(scene)
     without = missing  # why it is not the mesh

@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
-from pgmp_petsc.bench.errors import Ledger, Trial
+from pgmp_petsc.bench.history import Ledger, Trial
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.effects import OverTime
 

@@ -29,8 +29,8 @@ import numpy as np
 
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.errors import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.finished import Price
+from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -339,12 +339,7 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the
     training values of its parameters. Without a tolerance the model is returned as it is, and nothing is to be said. A
-    step that the scene gives is kept.
-
-    Raises
-    ------
-    InputError
-        If no step, or not the given one, keeps the tolerance.
+    step that the scene gives is kept. Raises `InputError` if no step, or not the given one, keeps the tolerance.
     """
     simulation = model.scene.simulation
     if simulation.tolerance is None:

@@ -21,7 +21,15 @@ import numpy as np
 
 from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
-from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.candidates import (
+    Limits,
+    Sweep,
+    best_settings,
+    columns_of,
+    first_settings,
+    own_setting,
+    settings_around,
+)
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
 from pgmp_petsc.bench.finished import Arrays, Finished, step_seconds
 from pgmp_petsc.bench.history import largest_errors
@@ -32,14 +40,6 @@ from pgmp_petsc.bench.reference import (
     Subject,
     choose_reference,
     distance_from_mesh,
-)
-from pgmp_petsc.bench.sweep import (
-    Sweep,
-    best_settings,
-    columns_of,
-    first_settings,
-    own_setting,
-    settings_around,
 )
 from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape
@@ -76,6 +76,9 @@ def measure_tradeoff(
 ) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
+    Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
+    budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
+
     Parameters
     ----------
     scene, meshes
@@ -97,13 +100,6 @@ def measure_tradeoff(
     -------
     Tradeoff or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError
-        If the scene has no outputs, its mechanism cannot be closed, or there is no reference within the budget.
-    RunError
-        If the reference fails at a test value, so that there is nothing to compare with.
     """
     if not scene.outputs:
         raise InputError(
@@ -275,10 +271,7 @@ class _Study:
     def further(self) -> list[Setting]:
         """Return the lines through the best settings of the first tasks, and runs that the references still need.
 
-        Raises
-        ------
-        RunError
-            If there is no reference on the scene's meshes.
+        Raises `RunError` if there is no reference on the scene's meshes.
         """
         if not self._sequences[1].usable:
             raise RunError(f"the {self.bench.reference.model.title} reference: {self._sequences[1].failure}")

@@ -374,13 +374,7 @@ def kinds() -> tuple[type[Body], ...]:
 
 
 def body_of(scene: Scene, name: str, shape: BodyShape) -> Body:
-    """Return the body of a scene that is made of a shape.
-
-    Raises
-    ------
-    InputError
-        If shape and scene do not fit.
-    """
+    """Return the body of a scene that is made of a shape. Raises `InputError` if shape and scene do not fit."""
     entry = scene.bodies[name]
     (kind,) = (kind for kind in kinds() if kind.takes(entry, shape))  # none or two are an error of the program
     return kind.of(scene, name, shape)

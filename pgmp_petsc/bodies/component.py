@@ -121,10 +121,7 @@ class Component:
 def rigid_component(meshed: FramedSolid) -> Component:
     """Return the component of a rigid body.
 
-    Raises
-    ------
-    InputError
-        If its parts have densities that vary apart: its centre of mass would move with the parameters.
+    Raises `InputError` if its parts have densities that vary apart: its centre of mass would move with the parameters.
     """
     solid = meshed.solid
     moments = solid.second_moments()
@@ -146,13 +143,9 @@ def rigid_component(meshed: FramedSolid) -> Component:
 def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray) -> Component:
     """Return the component of a rigid body with the mass of beams in space, their axes of shape (n_cells, 3, 3).
 
-    A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1
-    e_1^T) + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``.
-
-    Raises
-    ------
-    InputError
-        If lengths and sections have densities that vary apart: inertia forces would not be affine in them.
+    A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1 e_1^T)
+    + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``. Raises `InputError` if lengths and sections have densities that vary
+    apart: inertia forces would not be affine in them.
     """
     terms = section.terms("mass")
     if len(terms) > 1:

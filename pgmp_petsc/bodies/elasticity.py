@@ -45,8 +45,7 @@ class Geometry:
         # dX_i/dxi_j; its inverse turns reference gradients into those in X
         inverse, determinants = np.linalg.inv(jacobians), np.linalg.det(jacobians)
         return cls(
-            np.einsum("eqji,qja->eqia", inverse, quadrature.gradients, optimize=True),
-            determinants * quadrature.weights,
+            np.einsum("eqji,qja->eqia", inverse, quadrature.gradients, optimize=True), determinants * quadrature.weights
         )
 
 

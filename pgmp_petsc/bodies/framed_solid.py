@@ -45,6 +45,9 @@ class FramedSolid:
     ) -> FramedSolid:
         """Make a scene's body.
 
+        Raises `InputError` if a region or a group is missing, overlaps another one, or is too small to carry a
+        rotation; with a scaled cross-section, if a group is no section across the x axis.
+
         Parameters
         ----------
         name, entry
@@ -57,12 +60,6 @@ class FramedSolid:
             Groups of faces that the scene names, with the entry that names each.
         profiles
             What its constants are multiplied by, cell by cell.
-
-        Raises
-        ------
-        InputError
-            If a region or a group is missing, overlaps another one, or is too small to carry a rotation; with a scaled
-            cross-section, if a group is no section across the x axis.
         """
         frames = {}
         for point, blame in points.items():
@@ -80,10 +77,7 @@ class FramedSolid:
     def assembled(cls, name: str, entry: BodyEntry, body: Assembled, points: Mapping[str, str]) -> FramedSolid:
         """Make a scene's body that is given by matrices; parameters as of `of`.
 
-        Raises
-        ------
-        InputError
-            If there is no such set of nodes, or it is too small to carry a rotation.
+        Raises `InputError` if there is no such set of nodes, or it is too small to carry a rotation.
         """
         given, frames = entry.matrices, {}
         for point, blame in points.items():
@@ -163,10 +157,7 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
 def cells_of_materials(name: str, entry: BodyEntry, mesh: SolidMesh) -> list[tuple[str, np.ndarray]]:
     """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest.
 
-    Raises
-    ------
-    InputError
-        If a region is missing or overlaps another one.
+    Raises `InputError` if a region is missing or overlaps another one.
     """
     owner = np.zeros(mesh.n_cells, dtype=int)
     names = [entry.material]

@@ -48,13 +48,7 @@ class LargeDeformation:
 
 
 class LongAxis:
-    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent.
-
-    Parameters
-    ----------
-    solid
-        The body.
-    """
+    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent."""
 
     def __init__(self, solid: Solid) -> None:
         mesh = solid.mesh

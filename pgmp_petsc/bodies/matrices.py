@@ -63,11 +63,7 @@ def owned_rows(n_dofs: int, rank: int, size: int) -> range:
 
 def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     """Assemble the given rows of all affine terms of all bodies, in body frames."""
-    return AffineMatrices(
-        rows,
-        mass=mass_of_bodies(bodies, rows),
-        stiffness=_assemble_terms(bodies, rows, "stiffness"),
-    )
+    return AffineMatrices(rows, mass=mass_of_bodies(bodies, rows), stiffness=_assemble_terms(bodies, rows, "stiffness"))
 
 
 def mass_of_bodies(bodies: Sequence[Body], rows: range) -> dict[Monomial, sp.csr_matrix]:

@@ -37,7 +37,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.random_fields import RandomField
+from pgmp_petsc.scene.parameters import RandomField
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to
@@ -50,10 +50,8 @@ MORE = 4  # times the terms: how far a message looks for as many as would do
 def profiles_of(scene: Scene, body: str, mesh: LineMesh | SolidMesh) -> Profiles:
     """Return the factors of a body on its mesh.
 
-    Raises
-    ------
-    InputError
-        If a field has more terms than the body has cells, keeps too little of its variance, or may fall to zero.
+    Raises `InputError` if a field has more terms than the body has cells, keeps too little of its variance, or may fall
+    to zero.
     """
     found: dict[str, Profile] = {}
     for name, field in scene.fields.items():
@@ -109,7 +107,7 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
         )
         say = note if found.kept >= MUCH else warning
         yield say(text if found.kept >= MUCH else f"{text}; take more fields.{name}.terms")
-        size = float(np.max(_sizes(mesh)))
+        size = float(np.max(np.ptp(mesh.nodes[mesh.cells], axis=1).max(axis=1)))
         if size > COARSE * field.length:
             yield warning(
                 f"fields.{name}.length = {field.length:g}: cells of {field.body} are up to {size:.3g} m long, more "
@@ -130,11 +128,6 @@ def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:
     from pgmp_petsc.mesh.reference_element import reference_element
 
     return middles, volumes_of(mesh.nodes[mesh.cells], reference_element(mesh.kind).mass).sum(axis=1)
-
-
-def _sizes(mesh: LineMesh | SolidMesh) -> np.ndarray:
-    """Return the largest extents of the cells along an axis, m."""
-    return np.ptp(mesh.nodes[mesh.cells], axis=1).max(axis=1)
 
 
 LEFT_OUT = 1e-12  # of the trace: below, round-off decides

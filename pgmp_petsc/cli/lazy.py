@@ -58,10 +58,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         """Import a command, after starting PETSc if it needs that.
 
-        Raises
-        ------
-        click.UsageError
-            If there is no such command, or it was given options for PETSc and does not use it.
+        Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
         """
         if cmd_name not in self._lazy:
             raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)

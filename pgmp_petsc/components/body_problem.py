@@ -187,10 +187,7 @@ class BlockLanczos:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest eigenvalues (n,), rigid ones first, and modes (n_local, n), after they passed all checks.
 
-        Raises
-        ------
-        RunError
-            If they do not converge, a residual is too large, or eigenvalues are missing.
+        Raises `RunError` if they do not converge, a residual is too large, or eigenvalues are missing.
         """
         n_pairs = n_rigid + n_flexible
         for attempt in range(1, ATTEMPTS + 1):
@@ -275,8 +272,6 @@ class BodyProblem:
     ----------
     mass, stiffness
         By weight; they stay the caller's.
-    values
-        Parameter values.
     places
         This rank's nodes, shape (n, d), m.
     comm
@@ -308,12 +303,8 @@ class BodyProblem:
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
         """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
 
-        Raises
-        ------
-        InputError
-            If the stiffness is not positive, or more than rigid motion is free of it.
-        RunError
-            If modes do not converge or are missing.
+        Raises `InputError` if the stiffness is not positive, or more than rigid motion is free of it; `RunError` if
+        modes do not converge or are missing.
         """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)

@@ -84,10 +84,10 @@ def condense(
 ) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Condense a body. Collective on `comm`.
 
+    Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
+
     Parameters
     ----------
-    solid
-        The body.
     frames
         Where joints, effects and outputs hold it, by name.
     points
@@ -118,11 +118,6 @@ def condense(
         of unit ``T(s) y``.
     section
         T(s); None without a scaled cross-section.
-
-    Raises
-    ------
-    RunError
-        If an eigenproblem fails, or the interface's answers do not settle.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
@@ -275,11 +270,7 @@ def _condensed(
 
 
 def _across_axis(
-    solid: Solid,
-    nodes: range,
-    subspace: Subspace,
-    mass: Terms,
-    values: Mapping[str, float],
+    solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
 

@@ -68,8 +68,6 @@ def condensed(
 
     Parameters
     ----------
-    scene
-        The scene.
     shapes
         By body; what is no continuum mesh stays as it is.
     group
@@ -130,12 +128,8 @@ def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
     """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
-    Nothing is refused of a body whose third derivative is not known, which no command that needs it takes.
-
-    Raises
-    ------
-    InputError
-        Naming the effect that asks for it, and the cure.
+    Nothing is refused of a body whose third derivative is not known, which no command that needs it takes. Raises
+    `InputError`, naming the effect that asks for it, and the cure.
     """
     if not (scene.static_stretching and meshed.solid.third_derivative_known):
         return
@@ -206,10 +200,7 @@ class Trial:
 def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -> Trial | None:
     """Try the largest continuum body; None where there is none. Collective on `comm`.
 
-    Raises
-    ------
-    InputError, RunError
-        If the body's frames or materials are not sound, or the factorisation fails.
+    Raises `InputError` or `RunError` if the body's frames or materials are not sound, or the factorisation fails.
     """
     solids = {name: shape for name, shape in shapes.items() if to_condense(shape)}
     if not solids:

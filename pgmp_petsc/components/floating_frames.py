@@ -51,19 +51,14 @@ def floating_shapes(
 ) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
 
+    Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
+
     Parameters
     ----------
-    scene
-        The scene.
     shapes
         By the name of the body.
     bodies
         That were made of them.
-
-    Raises
-    ------
-    RunError
-        If an eigenproblem fails; on all ranks, whichever rank met it.
     """
     flexible = [body for body in bodies if body.flexible]
     own, found = flexible[comm.rank :: comm.size], {}

@@ -129,8 +129,6 @@ class FieldsOnRanks:
         The body; its cross-section is not scaled.
     recovery
         The fields at this rank's nodes, shape (d n_nodes, n).
-    comm
-        The ranks.
 
     Attributes
     ----------

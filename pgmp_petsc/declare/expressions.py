@@ -73,8 +73,6 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
     ----------
     entry
         What the expression is, for the message.
-    text
-        The expression.
     names
         What it may name.
     place

@@ -72,10 +72,7 @@ class Family:
     def take(self, cls: type[BaseModel]) -> bool:
         """Take a class into the family if it has a ``type`` (or another `key`) of its own; return whether it has.
 
-        Raises
-        ------
-        InputError
-            If the type is no literal text, or another idea has it.
+        Raises `InputError` if the type is no literal text, or another idea has it.
         """
         if self.key not in cls.model_fields:
             return False

@@ -22,11 +22,8 @@ from pgmp_petsc.runtime.errors import InputError, shortened
 def take(file: Path) -> None:
     """Take the ideas of a file into their families; see `api.scenes.use`.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or whose name is
-        taken; with the file and line.
+    Raises `InputError` if it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or
+    whose name is taken; with the file and line.
     """
     for family in FAMILIES:
         family.found()  # the package's own come first: their names are taken

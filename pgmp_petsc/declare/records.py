@@ -279,10 +279,8 @@ class Record:
     def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
         """Read what `put` wrote.
 
-        Raises
-        ------
-        ValueError, LookupError, TypeError
-            If it does not fit together; see :func:`~pgmp_petsc.runtime.files.shapes_of`.
+        Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
+        :func:`~pgmp_petsc.runtime.files.shapes_of`.
         """
         taken: dict[str, Any] = {}
         for one in declared(cls):

@@ -29,17 +29,17 @@ from pgmp_petsc.ensemble.statistics import (
 from pgmp_petsc.ensemble.stopping import level_of_each
 from pgmp_petsc.ensemble.watchers import band_steps
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS
-from pgmp_petsc.estimates.coverage import (
+from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
     few_steps,
     large_errors,
     left_out_of_estimates,
+    of_statistics,
     polynomials_of_lengths,
     too_few_steps,
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.estimates.own_error import of_statistics
 from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import REDUCED, LengthLanes, Model

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.estimates.coverage import is_estimated
+from pgmp_petsc.estimates.own_error import is_estimated
 from pgmp_petsc.estimates.schedule import FINER, most_evaluations, price_of_evaluation, schedules
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.runtime.errors import Remark

@@ -52,11 +52,6 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 class CheckingModel:
     """The model that a reduced model is checked against.
 
-    Parameters
-    ----------
-    model
-        The reduced model.
-
     Attributes
     ----------
     full

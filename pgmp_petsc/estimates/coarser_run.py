@@ -202,8 +202,6 @@ def step_errors(
     ----------
     time, outputs
         Of the run, shape (n_t,), and each of the same shape.
-    other
-        The coarser run.
     sample
         Number of the sample in it.
     """

@@ -75,8 +75,6 @@ class ErrorIndicator:
 
     Parameters
     ----------
-    model
-        The reduced model.
     told
         The model whose outputs runs have, where these are not the model's own.
     """
@@ -236,12 +234,7 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
-        begin: np.ndarray | None,
+        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray, begin: np.ndarray | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 

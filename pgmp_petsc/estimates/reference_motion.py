@@ -60,13 +60,7 @@ class ReferenceMotion:
     """
 
     def __init__(
-        self,
-        unknowns: Unknowns,
-        n_dofs: int,
-        states: np.ndarray,
-        n_theta: int,
-        longest: float,
-        rotations: np.ndarray,
+        self, unknowns: Unknowns, n_dofs: int, states: np.ndarray, n_theta: int, longest: float, rotations: np.ndarray
     ) -> None:
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
         self._n_theta, self._longest, self._rotations = n_theta, longest, rotations

@@ -67,7 +67,9 @@ class SampledAmplitude:
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)
         amplitudes = amplitude(times)
-        missed = np.cumsum(_impulses(amplitude, times)) - _trapezoids(amplitudes, step)
+        missed = np.cumsum(_impulses(amplitude, times)) - np.concatenate(
+            [[0.0], 0.5 * step * np.cumsum(amplitudes[1:] + amplitudes[:-1])]
+        )
         middles = (steps[1:-1] + steps[2:]) / 2.0
         # nothing is evaluated before the first interval ends: it represents the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
@@ -142,11 +144,6 @@ def _changes(effect: Effect, times: np.ndarray) -> bool:
         return True
     # others have the constant one of all effects
     return effect.strength is not Effect.strength and bool(np.ptp(effect.amplitude(times)))
-
-
-def _trapezoids(amplitudes: np.ndarray, step: float) -> np.ndarray:
-    """Return the integrals from the first instant to each of what is known at the steps, shape (n_t,)."""
-    return np.concatenate([[0.0], 0.5 * step * np.cumsum(amplitudes[1:] + amplitudes[:-1])])
 
 
 def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:

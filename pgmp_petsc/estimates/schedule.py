@@ -59,7 +59,7 @@ def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]
     while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
         strides.append(strides[-1] // 2)
     strides = strides[1:] if len(strides) > 2 else strides
-    steps = [_every(each, FINER * n_steps) for each in strides]
+    steps = [np.concatenate([[0], np.arange(FINER * n_steps, 0, -each)[::-1]]) for each in strides]
     kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
     return [
         Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
@@ -77,11 +77,6 @@ def places_of(kept: np.ndarray) -> np.ndarray:
     places = np.full(kept[-1] + 1, -1)
     places[kept] = np.arange(kept.size)
     return places
-
-
-def _every(stride: int, n_steps: int) -> np.ndarray:
-    """Return 0 and the numbers of steps at every stride back from the end."""
-    return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
 def differences(

@@ -42,17 +42,11 @@ TOPOLOGY = {
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
     """Write the XDMF description of a trajectory's frames and return their number; by one process only.
 
-    Every frame holds the positions of all nodes at that instant, the line cells, and on the nodes the
-    displacement from the first frame (m), the rotation (rad) and the number of the body. A body whose field is stored
-    has a series of its own beside this one, with its cells, displacements, and stresses at nodes and in cells.
-
-    Raises
-    ------
-    InputError
-        If the trajectory cannot be read, has no frames, or `xdmf_path` cannot be written or is the
-        trajectory.
-    RunError
-        If the system fails to write.
+    Every frame holds the positions of all nodes at that instant, the line cells, and on the nodes the displacement from
+    the first frame (m), the rotation (rad) and the number of the body. A body whose field is stored has a series of its
+    own beside this one, with its cells, displacements, and stresses at nodes and in cells. Raises `InputError` if the
+    trajectory cannot be read, has no frames, or `xdmf_path` cannot be written or is the trajectory; `RunError` if the
+    system fails to write.
     """
     xdmf_path = check_output(xdmf_path, "xdmf", [trajectory_path])
     with open_file(trajectory_path, "trajectory") as file:

@@ -13,17 +13,8 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from pgmp_petsc.figures.captions import mechanism_key, tell_apart
-from pgmp_petsc.figures.ensembles import (
-    bands,
-    densities,
-    joined,
-    rare_event,
-    sobol,
-    stopping,
-)
-from pgmp_petsc.figures.ensembles import (
-    labels_of as densities_labels,
-)
+from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
+from pgmp_petsc.figures.ensembles import labels_of as densities_labels
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
@@ -53,14 +44,9 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
     """Draw result files into ``directory`` and return the paths written, one line each; by one process only.
 
     Results of different mechanisms are never in one picture: the pictures' names then end with those of the scenes.
-    What tells results in one picture apart is in its keys. What is left out is said in a line.
-
-    Raises
-    ------
-    InputError
-        If a file is not a result with a picture, the directory cannot be made or written to, or nothing can be drawn.
-    RunError
-        If the system fails to write.
+    What tells results in one picture apart is in its keys. What is left out is said in a line. Raises `InputError` if a
+    file is not a result with a picture, the directory cannot be made or written to, or nothing can be drawn; `RunError`
+    if the system fails to write.
     """
     # All files are read before any picture is drawn: a bad one is reported at once.
     scenes: dict[tuple, list] = {}
@@ -95,12 +81,7 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
 def draw_result(result: Result, directory: Path) -> str:
     """Draw a result that has one picture into ``directory``, and return its path; by one process only.
 
-    Raises
-    ------
-    InputError
-        If the directory cannot be made or written to.
-    RunError
-        If the system fails to write.
+    Raises `InputError` if the directory cannot be made or written to; `RunError` if the system fails to write.
     """
     _make(directory)
     name, picture = ALONE[type(result)]

@@ -64,7 +64,8 @@ def densities(
     in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
     first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
     brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
-    peak.
+    peak. Raises `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no
+    sample that is fine.
 
     Parameters
     ----------
@@ -74,11 +75,6 @@ def densities(
         By default the model, how many of its samples are fine, and what else tells the ensembles apart.
     names : sequence of str, optional
         Only these quantities, in this order.
-
-    Raises
-    ------
-    InputError
-        If the ensembles do not share one of `names`, or have no quantity in common or one has no sample that is fine.
     """
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)

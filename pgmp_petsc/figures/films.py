@@ -57,12 +57,8 @@ class Pace:
 def write_film(motion: Motion, path: Path, pace: Pace) -> int:
     """Write a film, whole or not at all, and return how many pictures it has; by one process.
 
-    Raises
-    ------
-    InputError
-        If there is nothing to draw or to write it with.
-    RunError
-        If the system, or what makes the film, fails.
+    Raises `InputError` if there is nothing to draw or to write it with; `RunError` if the system, or what makes the
+    film, fails.
     """
     ending = path.suffix.lower()
     if ending == GIF and 1.0 / pace.rate > SLOWEST:

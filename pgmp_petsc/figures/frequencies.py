@@ -47,6 +47,8 @@ def frequencies(
 ) -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
+    Raises `InputError` if no table has a flexible mode.
+
     Parameters
     ----------
     tables : sequence of ModesTable
@@ -57,11 +59,6 @@ def frequencies(
         Names of the tables; by default that in which they differ.
     titles : sequence of str, optional
         Titles of the panels; by default the number of the flexible mode.
-
-    Raises
-    ------
-    InputError
-        If no table has a flexible mode.
     """
     labels = labels_of(tables) if labels is None else labels
     colours = distinct_colours(len(tables))
@@ -140,12 +137,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
     """Draw the first ``n_modes`` flexible eigenfrequencies over the grid of two coordinates, one map each.
 
     With a reduced model beside the full order, each title says by how much its frequencies differ at most. The label
-    tells the table from others.
-
-    Raises
-    ------
-    InputError
-        If the table has not two coordinates.
+    tells the table from others. Raises `InputError` if the table has not two coordinates.
     """
     if len(table.coordinate_units) != 2:
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
@@ -180,10 +172,7 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
 def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene.
 
-    Raises
-    ------
-    InputError
-        If the run has not two coordinates.
+    Raises `InputError` if the run has not two coordinates.
     """
     if len(trajectory.coordinate_units) != 2:
         raise InputError(f"a path needs two coordinates, the run has {len(trajectory.coordinate_units)}")

@@ -66,12 +66,8 @@ PORTRAITS = {
 def portrait(run: Trajectory, shown: Portrait) -> Figure:
     """Draw a run's shapes, equally spaced in the motion of its coordinates, beside the curve of an output.
 
-    Dots on the curve have the colours of the shapes; those of surfaces are their stresses, and dots are grey.
-
-    Raises
-    ------
-    InputError
-        If the run has no frames or not this output.
+    Dots on the curve have the colours of the shapes; those of surfaces are their stresses, and dots are grey. Raises
+    `InputError` if the run has no frames or not this output.
     """
     if run.frames is None or shown.output not in run.outputs:
         raise InputError(
@@ -90,7 +86,12 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
     # by their order, not by time: a mechanism that speeds up would be dark in nearly all of them
     colours = TimeColours.over(np.arange(len(instants)))
 
-    _draw_shapes(left, shapes, instants, colours)
+    shapes.draw_paths(left)
+    shapes.draw_ground(left, size=18.0)
+    for order, number in enumerate(instants[:-1]):
+        shapes.draw(left, number, colours.at(order, strength=0.75), width=1.5, pin=2.8, zorder=2 + order)
+    last = len(instants) - 1
+    shapes.draw(left, instants[last], colours.at(last), width=2.6, pin=4.6, zorder=3 + last)
     _draw_scale(left, shapes, unit)
     left.set_xlim(low[0], high[0])
     left.set_ylim(low[1] - FOOT * (high - low)[1], high[1])
@@ -144,13 +145,7 @@ def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> n
 
 
 def draw(runs: Path, images: Path) -> list[Path]:
-    """Draw the portraits of all scenes and return their paths.
-
-    Raises
-    ------
-    InputError
-        If a run is missing or damaged.
-    """
+    """Draw the portraits of all scenes and return their paths. Raises `InputError` if a run is missing or damaged."""
     read = {name: Trajectory.read(runs / f"{name}.h5") for name in PORTRAITS}
     images.mkdir(parents=True, exist_ok=True)
     return [_save_small(portrait(run, PORTRAITS[name]), images / f"gallery_{name}.png") for name, run in read.items()]
@@ -162,15 +157,6 @@ def _save_small(figure: Figure, path: Path) -> Path:
         few = picture.convert("RGB").quantize(N_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
     return path
-
-
-def _draw_shapes(axes: Axes, shapes: Shapes, instants: np.ndarray, colours: TimeColours) -> None:
-    shapes.draw_paths(axes)
-    shapes.draw_ground(axes, size=18.0)
-    for order, number in enumerate(instants[:-1]):
-        shapes.draw(axes, number, colours.at(order, strength=0.75), width=1.5, pin=2.8, zorder=2 + order)
-    last = len(instants) - 1
-    shapes.draw(axes, instants[last], colours.at(last), width=2.6, pin=4.6, zorder=3 + last)
 
 
 def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:

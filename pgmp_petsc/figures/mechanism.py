@@ -216,6 +216,8 @@ def mechanism(
 ) -> Figure:
     """Draw the mechanism's shape at instants that divide the run equally.
 
+    Raises `InputError` if the trajectory has no frames.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -227,11 +229,6 @@ def mechanism(
         body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
     label : str
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the trajectory has no frames.
     """
     frames = trajectory.frames
     if frames is None or not len(frames.time):
@@ -327,7 +324,7 @@ def assembly(shown: Assembly) -> Figure:
     factor, unit = axis_unit("m", *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
     low, high = shapes.limits
-    view = _projection(shapes)
+    view = (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
     labels, left_out = _labels(shown, lambda place: factor * view(place), float(max(high - low)))
     every = np.array([label.place for label in labels] or [low])
     low, high = np.minimum(low, every.min(axis=0)), np.maximum(high, every.max(axis=0))
@@ -362,12 +359,6 @@ def assembly(shown: Assembly) -> Figure:
     figure.canvas.draw()
     _place_labels(axes, names, labels, shapes)
     return figure
-
-
-def _projection(shapes: Shapes):
-    """Return what takes a place in space or in the plane onto the picture."""
-
-    return (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])
 
 
 def _labels(shown: Assembly, placed, size: float) -> tuple[list[_Label], int]:

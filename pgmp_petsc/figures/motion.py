@@ -19,8 +19,7 @@ from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
 from pgmp_petsc.mesh import reference_element as reference
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.modes import ModeShape
-from pgmp_petsc.results.trajectory import BodyField, truncated
+from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
 from pgmp_petsc.runtime.errors import InputError
 
 # by the beginning of a kind's name: edges, then faces or, in the plane, the cell itself, by their corners
@@ -209,6 +208,8 @@ class Motion:
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
     """Return what is drawn of a run.
 
+    Raises `InputError` if the run has no frames, or nothing of it is known in the colour.
+
     Parameters
     ----------
     colour
@@ -217,11 +218,6 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         Factor on the deformation; None for one that shows it.
     label
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the run has no frames, or nothing of it is known in the colour.
     """
     frames = run.frames
     if frames is None or not len(frames.time):
@@ -260,17 +256,14 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
+    Raises `InputError` if nothing of it is known in the colour.
+
     Parameters
     ----------
     colour
         One of `WORDS`.
     scale
         Its largest displacement over that of a picture nobody asks another one of.
-
-    Raises
-    ------
-    InputError
-        If nothing of it is known in the colour.
     """
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)

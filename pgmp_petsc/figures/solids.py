@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
@@ -44,10 +43,7 @@ SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
 def drawing() -> ModuleType:
     """Return pyvista, ready to draw without a screen.
 
-    Raises
-    ------
-    InputError
-        If it cannot be imported, or cannot draw here; with the cure.
+    Raises `InputError` if it cannot be imported, or cannot draw here; with the cure.
     """
     try:
         if not os.environ.get("DISPLAY"):
@@ -251,6 +247,8 @@ LOWEST, HIGHEST = 2.2, 6.6
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
     """Draw the bodies of a run with von Mises' stress in colour.
 
+    Raises `InputError` if there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
+
     Parameters
     ----------
     run
@@ -261,11 +259,6 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
         Factor on the deformation; stated in the picture if it is not 1.
     label
         What tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
     """
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
@@ -297,10 +290,7 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
 def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) -> Iterator[np.ndarray]:
     """Return an iterator over the pictures of instants, all of one size, as bytes of shape (height, width, 3).
 
-    Raises
-    ------
-    InputError
-        If there is nothing to draw with.
+    Raises `InputError` if there is nothing to draw with.
     """
     drawing()
     return _images(motion, numbers, Surround(motion, "", resolution))
@@ -340,7 +330,12 @@ class Surround:
         self.figure = new_figure(WIDTH, height + 1.1)
         self.figure.set_dpi(resolution)
         self.axes = self.figure.subplots()
-        _bare(self.axes)
+        self.axes.set_xticks([])
+        self.axes.set_yticks([])
+        self.axes.grid(False)
+        for spine in self.axes.spines.values():
+            spine.set_visible(False)
+        self.axes.set_xlabel("t = 0.0000 s", loc="right")
         if motion.quantity:
             colours = ScalarMappable(Normalize(0.0, motion.largest or 1.0), matplotlib.colormaps[COLOURS])
             bar = self.figure.colorbar(colours, ax=self.axes, pad=0.01, aspect=26, shrink=0.9)
@@ -378,15 +373,6 @@ class Surround:
         left, top = int(round(self._box.x0)), whole.shape[0] - int(round(self._box.y1))
         whole[top : top + self.size[1], left : left + self.size[0]] = picture
         return whole
-
-
-def _bare(axes: Axes) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.grid(False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    axes.set_xlabel("t = 0.0000 s", loc="right")
 
 
 def _keys(motion: Motion) -> list:

@@ -89,10 +89,7 @@ def new_figure(width: float, height: float) -> Figure:
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path.
 
-    Raises
-    ------
-    RunError
-        If the system fails to write (a full disk, say); an older picture is left as it was.
+    Raises `RunError` if the system fails to write (a full disk, say); an older picture is left as it was.
     """
     path = Path(path)
     with matplotlib.rc_context(_SETTINGS):

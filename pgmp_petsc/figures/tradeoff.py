@@ -179,7 +179,14 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     for row in np.flatnonzero(known):
         axes.plot(cost[row], error[row], **_marker(study, row))
     _write_labels(axes, study, cost, error, known)
-    _draw_limits(axes, study, column)
+    # draw what the mesh is worth, and below what the reference is not known
+    moved = 100 * _unsettled(study, column)
+    if _has_mesh_error(study, column):
+        axes.axhline(100 * study.mesh.errors[0, column], **_MESH)
+    if moved:
+        low = axes.get_ylim()[0]
+        axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
+        axes.set_ylim(bottom=low)
     axes.set_title(f"{study.outputs[column].replace('_', ' ')}: largest error (%)")
 
 
@@ -197,17 +204,6 @@ def _front(study: Tradeoff, cost: np.ndarray, column: int, family: str) -> np.nd
     rows = _rows(_known(study, cost, column), study, family, own_mesh=True)
     rows = rows[pareto_front(cost[rows], error[rows])]
     return rows[np.argsort(cost[rows])] if rows.size > 1 else rows[:0]
-
-
-def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
-    """Draw what the mesh is worth, and below what the reference is not known."""
-    moved = 100 * _unsettled(study, column)
-    if _has_mesh_error(study, column):
-        axes.axhline(100 * study.mesh.errors[0, column], **_MESH)
-    if moved:
-        low = axes.get_ylim()[0]
-        axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
-        axes.set_ylim(bottom=low)
 
 
 def _has_mesh_error(study: Tradeoff, column: int) -> bool:

@@ -142,15 +142,13 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
 
 @styled
 def trajectories(
-    comparisons: Sequence[Comparison],
-    outputs: Sequence[str] | None = None,
-    labels: Sequence[str] | None = None,
+    comparisons: Sequence[Comparison], outputs: Sequence[str] | None = None, labels: Sequence[str] | None = None
 ) -> Figure:
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
-    A single run is a line, with a band where its errors were estimated; without any pair there is no panel
-    of errors. A full-order run that several reduced ones share is grey. A square ends a run that ended before its
-    scene.
+    A single run is a line, with a band where its errors were estimated; without any pair there is no panel of errors. A
+    full-order run that several reduced ones share is grey. A square ends a run that ended before its scene. Raises
+    `InputError` if the runs have no output in common.
 
     Parameters
     ----------
@@ -160,11 +158,6 @@ def trajectories(
         By default all that every run has.
     labels : sequence of str, optional
         By default that in which the runs differ.
-
-    Raises
-    ------
-    InputError
-        If the runs have no output in common.
     """
     runs = [run for comparison in comparisons for run in comparison.runs]
     if outputs is None:
@@ -309,14 +302,9 @@ DECADES = 6
 def energies(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the energies of a run over time, the work of each effect, and the residual of their balance.
 
-    The strain energy has a panel of its own, because it is often far smaller than the others. What is zero
-    throughout is left out. The residual is a share of the energy that was exchanged, on a logarithmic axis. The label
-    tells the run from others.
-
-    Raises
-    ------
-    InputError
-        If the trajectory holds no energies.
+    The strain energy has a panel of its own, because it is often far smaller than the others. What is zero throughout
+    is left out. The residual is a share of the energy that was exchanged, on a logarithmic axis. The label tells the
+    run from others. Raises `InputError` if the trajectory holds no energies.
     """
     balance = trajectory.balance
     if balance is None:

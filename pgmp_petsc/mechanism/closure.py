@@ -258,13 +258,15 @@ def described(mechanism: Mechanism, theta: np.ndarray) -> str:
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
 
-    Where J has full column rank that is R^-1 Q^T; the singular values, at ten times the cost, are for the rest.
+    Where J has full column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular
+    values, at ten times the cost, are for the rest.
     """
-    if jacobian.shape[1] >= jacobian.shape[2]:
-        q, r = np.linalg.qr(jacobian)
-        pivots = np.abs(np.diagonal(r, axis1=1, axis2=2))
+    n = jacobian.shape[2]
+    if jacobian.shape[1] >= n:
+        both = np.linalg.qr(np.concatenate([jacobian, right], axis=2), mode="r")
+        pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))
         if np.all(pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)):
-            return np.linalg.solve(r, np.swapaxes(q, 1, 2) @ right)
+            return np.linalg.solve(both[:, :n, :n], both[:, :n, n:])
     return np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ right
 
 

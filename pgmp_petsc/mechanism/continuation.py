@@ -21,8 +21,8 @@ it. Of two, and where steps cannot be small enough, it is where Newton's method 
 Poses of a rigid mechanism with many coordinates: Newton's method along straight lines from where it is assembled.
 
 A grid over three coordinates or more would have too many configurations to follow the assembly branch on; a run visits
-only a line of them. Each configuration is reached from the assembled one by steps of its own, so that no other has a
-part in its digits.
+only a line of them. Each configuration is reached over places of a lattice on its line, which are kept. A place follows
+from its numbers alone, so that no other configuration has a part in the digits of one.
 """
 
 from __future__ import annotations
@@ -412,10 +412,11 @@ def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.nda
 
 LONGEST = 0.1  # rad of a step: Newton's method goes from one place to the next in a correction or two
 ON_THE_WAY = 1e-2  # of the mechanism's size or of 1 rad: from so near it follows the branch to the next place
+MOST_KEPT = 100_000  # places
 
 
 class Walk:
-    """Where a mechanism is assembled, and the way to other configurations.
+    """Where a mechanism is assembled, and the way to other configurations, over places of a lattice about it.
 
     Parameters
     ----------
@@ -428,7 +429,8 @@ class Walk:
     """
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
-        self._closure, self._theta, self._poses = closure, theta, poses
+        self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]
+        self._kept: dict[tuple[int, ...], np.ndarray] = {}  # poses by the numbers of a place
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta).
@@ -438,11 +440,29 @@ class Walk:
         InputError
             If the mechanism cannot be closed somewhere on the way.
         """
-        away = theta - self._theta
-        n_steps = np.ceil(np.max(np.abs(away), axis=1, initial=0.0) / LONGEST).astype(int)
-        poses = np.repeat(self._poses, len(theta), axis=2)
-        for step in range(1, int(n_steps.max(initial=0)) + 1):
-            going = np.flatnonzero(step <= n_steps)
-            places = self._theta + (step / n_steps[going])[:, None] * away[going]
-            poses[..., going] = self._closure.close(poses[..., going], places, tolerance=ON_THE_WAY)
-        return self._closure.close(poses, theta)
+        numbers = np.nan_to_num((theta - self._theta) / LONGEST, nan=0.0, posinf=0.0, neginf=0.0)
+        places = [tuple(place) for place in numbers.astype(int).tolist()]
+        self._go_to(places)
+        begun = np.array([self._at(place) for place in places]).reshape(len(places), *self._assembled.shape)
+        return self._closure.close(np.moveaxis(begun, 0, -1), theta)
+
+    def _at(self, place: tuple[int, ...]) -> np.ndarray:
+        """Return the poses at a place that was reached, (n_bodies, n_pose)."""
+        return self._kept[place] if any(place) else self._assembled
+
+    def _go_to(self, places: list[tuple[int, ...]]) -> None:
+        """Reach places, each from the one before it on the straight line from the assembled configuration."""
+        if len(self._kept) > MOST_KEPT:
+            self._kept.clear()
+        before: dict[int, dict[tuple[int, ...], tuple[int, ...]]] = {}  # of places to be reached, by their distance
+        for place in places:
+            while any(place) and place not in self._kept:
+                far = max(map(abs, place))
+                if place in before.setdefault(far, {}):
+                    break
+                before[far][place] = place = tuple(round(k * (far - 1) / far) for k in place)
+        for far in sorted(before):
+            theta = self._theta + LONGEST * np.array(list(before[far]))
+            begun = np.stack([self._at(one) for one in before[far].values()], axis=-1)
+            reached = self._closure.close(begun, theta, tolerance=ON_THE_WAY)
+            self._kept.update(zip(before[far], np.moveaxis(reached, -1, 0)))

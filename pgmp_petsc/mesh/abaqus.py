@@ -30,11 +30,8 @@ OTHER = "vertex"  # of elements of other types, whose cells no one asks for
 def read_abaqus_nodes(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray]:
     """Return what a file holds, and the numbers of its nodes, shape (n_nodes,).
 
-    Raises
-    ------
-    InputError
-        If it has no nodes, nodes of one number, or others in files that it includes; or if an element or a set names a
-        node that is not there. `received` begins messages.
+    Raises `InputError` if it has no nodes, nodes of one number, or others in files that it includes; or if an element
+    or a set names a node that is not there. `received` begins messages.
     """
     places: dict[int, list[float]] = {}
     sets: dict[str, list[int]] = {}

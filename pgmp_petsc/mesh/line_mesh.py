@@ -44,10 +44,7 @@ class LineMesh(Counted):
     def point(self, name: str, entry: str) -> int:
         """Return the node of the point `name`, or of that index: a decimal integer, from zero, that is no named point.
 
-        Raises
-        ------
-        InputError
-            If the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
+        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
         """
         if name in self.points:
             return self.points[name]
@@ -70,13 +67,9 @@ def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh
     """Read a line mesh from a file of one of meshio's formats, in the plane or (3) in space.
 
     Nodes that are on no line cell are dropped; the others keep the file's order. `entry` is the dotted name of the
-    scene's entry, for the messages.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or unreadable, holds cells that beams cannot use, leaves the plane z = 0 in two
-        dimensions, has cells of zero length or twice the same cell, or is not connected.
+    scene's entry, for the messages. Raises `InputError` if the file is missing or unreadable, holds cells that beams
+    cannot use, leaves the plane z = 0 in two dimensions, has cells of zero length or twice the same cell, or is not
+    connected.
     """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)

@@ -61,10 +61,8 @@ class MatrixFile:
 def read_matrix(path: Path, received: str) -> MatrixFile:
     """Read a matrix; messages begin with `received`, the scene's entry and its value.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it is of another format, damaged, not square, or has entries that are not finite.
+    Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
+    not finite.
     """
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
@@ -194,12 +192,7 @@ def is_harwell_boeing(head: Sequence[str]) -> bool:
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
     """Return the entries that the lines of a file list, of a symmetric matrix often one triangle.
 
-    Raises
-    ------
-    NotTaken
-        If the matrix is complex, a pattern, skew, or not assembled.
-    ValueError
-        If the file is damaged.
+    Raises `NotTaken` if the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged.
     """
     cards = [int(lines[1][start : start + 14] or 0) for start in (14, 28, 42)]  # of pointers, indices and values
     n_right_hand = int(lines[1][56:70].strip() or 0)
@@ -242,15 +235,12 @@ def read_rows(path: Path, received: str) -> np.ndarray:
     """Read lines of a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
     ``.mapping``; lines that do not begin with a number are passed over.
 
+    Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
+
     Returns
     -------
     ndarray of int, shape (n, 2)
         Node and direction of every row.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, a line is none of the kind, or rows are missing or there twice.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found = {}
@@ -279,12 +269,8 @@ def in_order_of_nodes(
     """Return a matrix with its rows node after node, shape (d n_nodes, d n_nodes).
 
     `rows` are those of `read_rows`, None where there is no such list; `received` and `of_nodes` the scene's entries of
-    the matrix and of the nodes, with their values.
-
-    Raises
-    ------
-    InputError
-        If the matrix has another size, or rows of nodes that are not there, of internal nodes, or of rotations.
+    the matrix and of the nodes, with their values. Raises `InputError` if the matrix has another size, or rows of nodes
+    that are not there, of internal nodes, or of rotations.
     """
     entries, d = file.matrix.tocoo(), nodes.nodes.shape[1]
     size, wanted = entries.shape[0], d * len(nodes.nodes)
@@ -360,11 +346,8 @@ class NodeFile:
 def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
     """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3).
 
-    Raises
-    ------
-    InputError
-        If the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if its mesh is
-        not sound. Messages begin with `received`.
+    Raises `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane;
+    or if its mesh is not sound. Messages begin with `received`.
     """
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):

@@ -58,11 +58,8 @@ class Counted:
 def read_mesh(path: Path, received: str) -> meshio.Mesh:
     """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it is a directory, pipe or device, of a format that meshio does not know, meshio
-        cannot read it, or does not come to an end.
+    Raises `InputError` if there is no such file, it is a directory, pipe or device, of a format that meshio does not
+    know, meshio cannot read it, or does not come to an end.
     """
     check_file(path, received, "a mesh file that meshio reads is needed (paths are relative to the scene's directory)")
     if path.suffix.lower() not in ENDING:
@@ -126,10 +123,7 @@ def usable(received: str) -> Iterator[None]:
 def check_file(path: Path, received: str, needed: str) -> None:
     """Refuse what is no file, before anything is read from it, and say what is needed.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it cannot be read, or it is a directory, pipe or device.
+    Raises `InputError` if there is no such file, it cannot be read, or it is a directory, pipe or device.
     """
     try:
         mode = path.stat().st_mode

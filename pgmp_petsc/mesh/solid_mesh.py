@@ -40,10 +40,8 @@ class SolidMesh(Counted):
     def faces(self, name: str, entry: str) -> np.ndarray:
         """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
 
-        Raises
-        ------
-        InputError
-            If the name is unknown or holds no face; `entry` is the dotted name of the scene's entry that asks.
+        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
+        that asks.
         """
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 

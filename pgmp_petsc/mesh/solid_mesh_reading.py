@@ -19,6 +19,11 @@ Named groups of faces and named regions of cells, from the ways in which mesh fo
 A group of faces is a physical group (gmsh) or another named set of cells whose dimension is one less than the mesh's,
 or a node set (Abaqus and others) that holds all nodes of at least one face on the surface. A region is a physical
 group or a set of cells of the mesh's own dimension.
+
+Checks of a body's cells: each is there once, all are one piece, and all have a sound shape.
+
+A cell is the image x(xi) = sum_a N_a(xi) x_a of the reference cell. Its shape is sound where the Jacobian J = dx/dxi
+has a positive determinant.
 """
 
 from __future__ import annotations
@@ -29,14 +34,112 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
+from scipy.sparse.csgraph import breadth_first_order, connected_components, reverse_cuthill_mckee
 
 from pgmp_petsc.mesh.abaqus import check_sets
-from pgmp_petsc.mesh.cell_checks import check_cells, shown
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, read_mesh, usable
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
 from pgmp_petsc.mesh.solid_mesh import SolidMesh, cell_faces, incidence_edges, set_numbers, undirected_graph
 from pgmp_petsc.runtime.errors import InputError, shortened
+
+
+def jacobian_determinants(nodes: np.ndarray, cells: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Return det J of every cell at some points (m^d), shape (n_cells, n_points).
+
+    Parameters
+    ----------
+    nodes : ndarray of float, shape (n_nodes, d)
+        Coordinates (m).
+    cells : ndarray of int, shape (n_cells, n_cell_nodes)
+    gradients : ndarray of float, shape (n_points, d, n_cell_nodes)
+        Of the shape functions at the points, in reference coordinates.
+    """
+    coordinates = nodes[cells].swapaxes(1, 2)
+    return np.column_stack([_determinants(coordinates @ gradient.T)[0] for gradient in gradients])
+
+
+def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
+    """Refuse repeated cells, separate pieces, and cells that are inverted or have no volume.
+
+    Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind` use every node. Messages
+    begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
+    Raises `InputError`, naming what is wrong, and where.
+    """
+    _check_repeated(kind, cells, received)
+    _check_pieces(len(nodes), cells, received)
+    _check_shapes(kind, nodes, cells, received)
+
+
+def shown(numbers: np.ndarray, most: int = 8) -> str:
+    """Return numbers as text, the first few of many: ``[3, 4, ...]``."""
+    return f"[{', '.join(str(number) for number in numbers[:most])}{', ...' if len(numbers) > most else ''}]"
+
+
+def _check_repeated(kind: str, cells: np.ndarray, received: str) -> None:
+    numbers = set_numbers(cells)
+    _, first = np.unique(numbers, return_index=True)
+    again = np.setdiff1d(np.arange(len(cells)), first)
+    if again.size:
+        original = first[numbers[again[0]]]
+        raise InputError(
+            f"{received}: {again.size} of {len(cells)} cells of type {kind} repeat the nodes of another one; the first "
+            f"is cell {again[0]}, which has the nodes {shown(cells[again[0]])} of cell {original}; each cell may be "
+            "there once (MSH files before version 4 hold a cell once for every physical group it is in)"
+        )
+
+
+def _check_pieces(n_nodes: int, cells: np.ndarray, received: str) -> None:
+    graph = undirected_graph(incidence_edges(n_nodes, cells), n_nodes + len(cells))
+    n_pieces, labels = connected_components(graph, directed=False)
+    if n_pieces > 1:
+        pieces = labels[n_nodes:]
+        sizes = np.bincount(pieces)
+        aside = int(np.flatnonzero(pieces != pieces[0])[0])
+        raise InputError(
+            f"{received}: the cells form {n_pieces} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
+            f"that does not hang together with cell 0 is cell {aside} with the nodes {shown(cells[aside])}; a body is "
+            "one connected piece (nodes at the same place must be merged)"
+        )
+
+
+def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
+    """Refuse det J <= 0 at any point of the mass quadrature or at any node.
+
+    Coordinates are known to `RELATIVE_TOLERANCE` times the mesh's extent. An error of this size in J changes det J by
+    up to its product with the norm of J's cofactors, and below that a determinant has no certain sign. In other words,
+    the smallest singular value of J, the thinnest measure of the cell, must be above the error of the coordinates,
+    whatever the size of the cell and however slender it is.
+    """
+    element = reference_element(kind)
+    error = RELATIVE_TOLERANCE * np.ptp(nodes, axis=0).max()
+    coordinates = nodes[cells].swapaxes(1, 2)
+    smallest, unsound = np.full(len(cells), np.inf), np.zeros(len(cells), dtype=bool)
+    # point after point, because the Jacobians of all cells at all points fill much more memory than the mesh
+    for gradient in (*element.mass.gradients, *shape_gradients(kind, element.nodes)):
+        determinants, cofactors = _determinants(coordinates @ gradient.T)
+        np.minimum(smallest, determinants, out=smallest)
+        unsound |= determinants <= error * cofactors
+    if unsound.any():
+        first = int(np.argmax(unsound))
+        plane = element.dimension == 2
+        count = f"all {len(cells)}" if unsound.all() else f"{unsound.sum()} of {len(cells)}"
+        raise InputError(
+            f"{received}: {count} cells of type {kind} are inverted or have no {'area' if plane else 'volume'}; the "
+            f"first is cell {first} with the nodes {shown(cells[first])}, where the determinant of the Jacobian falls "
+            f"to {smallest[first]:.3g} m^{element.dimension}; it must be positive throughout each cell, with the nodes "
+            f"in meshio's order{' (counter-clockwise)' if plane else ''}"
+        )
+
+
+def _determinants(jacobians: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the determinants of (n, d, d) matrices and the Frobenius norms of their cofactors, shape (n,) each."""
+    columns = np.moveaxis(jacobians, -1, 0)
+    if len(columns) == 2:
+        (a, c), (b, d) = columns[0].T, columns[1].T
+        return a * d - b * c, np.sqrt(a**2 + b**2 + c**2 + d**2)
+    cofactors = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
+    return (columns[0] * cofactors[0]).sum(axis=1), np.sqrt((cofactors**2).sum(axis=(0, 2)))
+
 
 KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}
 
@@ -45,12 +148,9 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
     """Read the mesh of a plane (2) or solid (3) body from a file of one of meshio's formats.
 
     Nodes are numbered anew from one end of the body to the other, cells in the order of their lowest node. Cells of
-    lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it holds.
+    lower dimension serve as the faces of named groups only. `entry` is the dotted name of the scene's entry. Raises
+    `InputError` if the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it
+    holds.
     """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
@@ -63,12 +163,9 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
 def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
     """Return the body's mesh from what meshio has read; `received` is the scene's entry and its value.
 
-    Raises
-    ------
-    InputError
-        If the cells are not of one supported type, name nodes that are not there or leave nodes unused; if coordinates
-        are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in several
-        pieces; or if a named group has faces that the cells do not have.
+    Raises `InputError` if the cells are not of one supported type, name nodes that are not there or leave nodes unused;
+    if coordinates are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in
+    several pieces; or if a named group has faces that the cells do not have.
     """
     return renumbered(numbered_as_filed(mesh, dimension, received))
 
@@ -176,7 +273,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    n_nodes : int
     cells : ndarray of int, shape (n_cells, n_cell_nodes)
     """
     edges = incidence_edges(n_nodes, cells)
@@ -213,7 +309,6 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
     ----------
     mesh : meshio.Mesh
         What meshio has read from the file.
-    path : Path
     """
     groups = entity_groups(path)
     if not groups or "gmsh:geometrical" not in mesh.cell_data:
@@ -268,12 +363,8 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
     """Return groups of faces (n_faces, n_face_nodes), regions of cells (n,), and how many nodes other names hold.
 
     Where a set of cells and a node set have the same name, the faces are those of the set of cells. `cells` are all
-    cells of meshio's type `kind`, block after block, in the file's numbers of nodes.
-
-    Raises
-    ------
-    InputError
-        If a group has cells that are no faces of the mesh, or a set of cells cannot be told.
+    cells of meshio's type `kind`, block after block, in the file's numbers of nodes. Raises `InputError` if a group has
+    cells that are no faces of the mesh, or a set of cells cannot be told.
     """
     own = cell_faces(kind, cells)
     face_kind = reference_element(kind).face_kind

@@ -118,7 +118,7 @@ class SeparateLengths:
 class LengthLanes:
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
-    Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.length_grid`): they are
+    Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
     evaluated in the model of each point of the grid.
 
     Attributes

@@ -170,10 +170,7 @@ class Revolution:
 
 
 def close_revolution(
-    rotations: np.ndarray,
-    last_overlap: np.ndarray,
-    groups: Sequence[np.ndarray],
-    beside: Revolution | None = None,
+    rotations: np.ndarray, last_overlap: np.ndarray, groups: Sequence[np.ndarray], beside: Revolution | None = None
 ) -> Revolution:
     """Take the holonomy back over the revolution.
 
@@ -226,10 +223,7 @@ class Closure:
     def beside(cls, holonomy: np.ndarray, other: Closure) -> Closure:
         """Split a holonomy close to that of another closure, so that both take their turn back alike.
 
-        Raises
-        ------
-        RunError
-            If one of them contains a reflection and the other does not.
+        Raises `RunError` if one of them contains a reflection and the other does not.
         """
         signs = np.ones(len(holonomy))
         signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
@@ -334,12 +328,8 @@ class GridBasis:
         Over two coordinates two modes may meet at a single configuration (a conical intersection) that no sample is
         near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
         turn away from each other, the group is joined with the one that it mixes with most: their common space is
-        continuous.
-
-        Raises
-        ------
-        RunError
-            If neighbouring lines do not stay together even so; told is whether the modes alone would.
+        continuous. Raises `RunError` if neighbouring lines do not stay together even so; told is whether the modes
+        alone would.
         """
         try:
             return cls._followed(samples, start)
@@ -421,10 +411,7 @@ def _torn_groups(
 def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
     """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
 
-    Raises
-    ------
-    RunError
-        If there is no other group.
+    Raises `RunError` if there is no other group.
     """
     if len(groups) == 1:
         raise RunError(

@@ -91,6 +91,8 @@ class CurvatureProblem:
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
         """Compute the curvature of the vectors of a basis.
 
+        Raises `RunError` if the refinement of an answer does not converge.
+
         Parameters
         ----------
         modes
@@ -100,11 +102,6 @@ class CurvatureProblem:
         answered
             The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
             known (joints then take of its elastic forces what they can), shape (n_local, m).
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
         """
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
@@ -133,12 +130,8 @@ class CurvatureProblem:
 
             psi_k.K3[u] psi_k + mu.c''[psi_k, psi_k] + 2 mu_k.c''[u, psi_k] = - f.chi_kk,
 
-        so that h is ``-chi_kk``, chi deflated of the rigid motion alone.
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
+        so that h is ``-chi_kk``, chi deflated of the rigid motion alone. Raises `RunError` if the refinement of an
+        answer does not converge.
         """
         problem, flexible = self._problem, modes.flexible
         each = (np.arange(flexible.shape[1]),) * 2

@@ -48,7 +48,8 @@ LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
     """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
 
-    Collective on the problem's communicator.
+    Collective on the problem's communicator. Raises `RunError` if an answer is a combination of the modes and the
+    others at neighbouring configurations too.
 
     Parameters
     ----------
@@ -63,11 +64,6 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
     -------
     ndarray, shape (n_local, n_static)
         M-orthonormal, and M-orthogonal to `modes`.
-
-    Raises
-    ------
-    RunError
-        If an answer is a combination of the modes and the others at neighbouring configurations too.
     """
     kept, loads = modes.eigenvectors, loads_at(problem, modes)
     if not len(loads.T):
@@ -175,12 +171,6 @@ class SpringStiffness:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
-    springs
-        Linear springs.
-    values
-        Parameter values.
     weights
         Conservative effects that load the mechanism; None for the unloaded state.
 
@@ -243,7 +233,8 @@ class SpringStiffness:
         most = 0
         for share in PLACES[:, : lower.size] if self.free.size else ():
             theta = lower + share * (upper - lower)
-            rigid = self._rigid(theta)
+            motion = self.kinematics.motion(theta)
+            rigid = linear_motion(self._mechanism, motion.velocities)[:, self.free]
             found, scale = np.zeros((2, self.free.size, self.free.size))
             for block in self.at(theta, matrices, comm):
                 own = rigid[block.dofs]
@@ -252,11 +243,6 @@ class SpringStiffness:
             sizes = np.abs(np.linalg.eigvalsh(found))
             most = max(most, int(np.sum(sizes > RESISTED * np.max(scale, initial=0.0))))
         return most
-
-    def _rigid(self, theta: np.ndarray) -> np.ndarray:
-        """Return ``rho,k`` of the free coordinates in body frames, all rows, shape (n_dofs, n_free)."""
-        motion = self.kinematics.motion(theta)
-        return linear_motion(self._mechanism, motion.velocities)[:, self.free]
 
     def _of_curvature(
         self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
@@ -268,19 +254,15 @@ class SpringStiffness:
         curvature = curvature[:, self.free][:, :, self.free]
         pulled = self._forces.at(poses) @ np.array(forces)
         own = slice(matrices.rows.start, matrices.rows.stop)
-        weight = self._weight(poses, matrices)
-        work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1))
-        return -(np.tensordot(pulled, curvature, axes=1) + work)
-
-    def _weight(self, poses: np.ndarray, matrices: AffineMatrices) -> np.ndarray:
-        """Return the weights in body frames, local rows, shape (n_local,)."""
-        total = np.zeros(len(matrices.rows))
+        # the weights in body frames, local rows, shape (n_local,)
+        weight = np.zeros(len(matrices.rows))
         for effect in self._weights:
             for load in effect.loads(matrices):
                 term, field = load.body_force
                 strength = float(load.weight.evaluate(self._values))
-                total += strength * (matrices.mass[term] @ to_body(self._mechanism, poses, field))
-        return total
+                weight += strength * (matrices.mass[term] @ to_body(self._mechanism, poses, field))
+        work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1))
+        return -(np.tensordot(pulled, curvature, axes=1) + work)
 
 
 def is_negative(block: Block) -> bool:

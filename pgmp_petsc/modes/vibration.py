@@ -63,11 +63,8 @@ class VibrationProblem(ModalProblem):
     def eigenvalues(self, theta: np.ndarray) -> np.ndarray:
         """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2.
 
-        Raises
-        ------
-        RunError
-            If the eigensolver fails, or rigid motions that no spring resists are not what vanishing eigenvalues belong
-            to.
+        Raises `RunError` if the eigensolver fails, or rigid motions that no spring resists are not what vanishing
+        eigenvalues belong to.
         """
         where = self.kinematics.describe(theta)
         blocks = self._springs.at(theta, self.matrices, self.comm)

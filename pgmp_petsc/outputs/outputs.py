@@ -84,16 +84,13 @@ class OutputSet:
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
         """Prepare the outputs of a scene.
 
+        Raises `InputError` if an output names a point that the mesh does not have, or a stress that is not known there.
+
         Parameters
         ----------
         start
             Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not
             prescribed.
-
-        Raises
-        ------
-        InputError
-            If an output names a point that the mesh does not have, or a stress that is not known there.
         """
         if start is None:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])

@@ -76,7 +76,13 @@ class Reading:
         """Return the number, shape (n,), for frames, poses of the rigid mechanism (n_bodies, n_pose, n), and rates of
         frames."""
         if self.rate:
-            return self._rate(frames, rates)
+            if self.kind == "ROTATION":
+                return rates[self.sides[0].node][2]
+            moving = [self._moving(side, frames, rates) for side in self.sides]
+            if self.kind == "POSITION":
+                return moving[0][1][self.axis]
+            gradient = self.statement.gradient(*(z for z, _ in moving))
+            return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
         if self.kind == "MEASURE":
             return self._measure(frames)
         (point,) = self.sides
@@ -100,15 +106,6 @@ class Reading:
             return self.space.angle(self.statement, *sides, near)
         return self.statement.value(*map(self.space.natural, sides))
 
-    def _rate(self, frames: Frames, rates: Frames) -> np.ndarray:
-        if self.kind == "ROTATION":
-            return rates[self.sides[0].node][2]
-        moving = [self._moving(side, frames, rates) for side in self.sides]
-        if self.kind == "POSITION":
-            return moving[0][1][self.axis]
-        gradient = self.statement.gradient(*(z for z, _ in moving))
-        return np.einsum("cn,cn->n", gradient, np.concatenate([change for _, change in moving]))
-
     def _moving(self, side: Attachment, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Return position and directors of an attachment, and their rates, both (n_natural, n)."""
         d = self.space.dimension
@@ -125,11 +122,6 @@ class Reading:
 
 class RigidReference:
     """The rigid mechanism at the coordinates that joints of the flexible one have.
-
-    Parameters
-    ----------
-    kinematics
-        Of the mechanism.
 
     Attributes
     ----------

@@ -59,17 +59,15 @@ class StressOutput:
     def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:
         """Prepare an output of a scene.
 
+        Raises `InputError` if the place is not on the body's mesh, or the body was condensed without what stresses
+        need.
+
         Parameters
         ----------
         name
             In the scene.
         number, body
             The body that the output names, with its number.
-
-        Raises
-        ------
-        InputError
-            If the place is not on the body's mesh, or the body was condensed without what stresses need.
         """
         entry, stresses = scene.outputs[name], body.stresses(scene)
         if stresses is None or not body.answered:
@@ -84,10 +82,7 @@ class StressOutput:
 def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> None:
     """Refuse stress outputs at places that their body's mesh has not, before anything is computed.
 
-    Raises
-    ------
-    InputError
-        Naming the entry, what came, and what is there.
+    Raises `InputError`, naming the entry, what came, and what is there.
     """
     if stressed_bodies(scene):
         bodies = {body.name: body for body in bodies_of(scene, meshes)}

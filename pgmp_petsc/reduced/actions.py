@@ -20,9 +20,8 @@ from pgmp_petsc.reduced.arrays import Strengths
 from pgmp_petsc.reduced.cells import Grid
 from pgmp_petsc.reduced.terms import grid_of, in_radians
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid
 from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.runtime.vectors import N_POWERS
 

@@ -119,10 +119,7 @@ class _Way:
 
 
 def _condensed_and_built(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    way: _Way,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with the lengths of the scene's run."""
     timings = Timings()
@@ -134,11 +131,7 @@ def _condensed_and_built(
 
 
 def _built(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    way: _Way,
-    timings: Timings,
+    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way, timings: Timings
 ) -> ReducedOrderModel | None:
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
@@ -439,17 +432,15 @@ class Manifold:
     """
 
     def __init__(
-        self,
-        problem: ModalProblem,
-        loads: Sequence[Load],
-        static_loads: StaticLoads,
-        static_stretching: bool = False,
+        self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads, static_stretching: bool = False
     ) -> None:
         self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
+
+        Raises `RunError` if the refinement of an answer does not converge.
 
         Parameters
         ----------
@@ -459,11 +450,6 @@ class Manifold:
             What was found there.
         combination
             The basis in terms of the sample's vectors, shape (n_vectors, n_delta).
-
-        Raises
-        ------
-        RunError
-            If the refinement of an answer does not converge.
         """
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

@@ -63,6 +63,8 @@ def join_samples(
 ) -> JoinedSamples | None:
     """Join the samples. Collective on ``group.world``.
 
+    Raises `RunError` if the modes cannot be made continuous (first rank).
+
     Parameters
     ----------
     owners
@@ -76,11 +78,6 @@ def join_samples(
     -------
     JoinedSamples or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    RunError
-        If the modes cannot be made continuous (first rank).
     """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, own[k].shape) for k in sorted(own)}
@@ -291,10 +288,7 @@ def compression_of(
 ) -> Compression:
     """Return the compression of all samples' snapshots, at the nominal parameters.
 
-    Raises
-    ------
-    InputError
-        If the snapshots do not span so many vectors.
+    Raises `InputError` if the snapshots do not span so many vectors.
     """
     n_snapshots = joined.shapes.shape[2] - joined.n_kept
     if not n_parameter:

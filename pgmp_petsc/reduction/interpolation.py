@@ -139,10 +139,7 @@ def _add_rows(theta, axes, derivative, table, result):
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:
     """Interpolate a table of shape (n, ...) given at the samples of a grid, or of one axis.
 
-    Raises
-    ------
-    ValueError
-        If the scheme does not take such samples.
+    Raises `ValueError` if the scheme does not take such samples.
     """
     grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])

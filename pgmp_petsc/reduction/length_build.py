@@ -18,9 +18,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
@@ -162,10 +161,7 @@ class _Gauge:
     def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
         """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
 
-        Raises
-        ------
-        RunError
-            If its basis has another number of vectors, or covers another number of turns.
+        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
         """
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:

@@ -6,7 +6,7 @@ the family are models built at the points l_p; their bases are expressed in that
     Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
 
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
-Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`length_grid`). The kinematics of
+Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`sample_grid`). The kinematics of
 one run are exact: the mechanism is made anew with its lengths.
 """
 
@@ -23,9 +23,9 @@ from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
+from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, rigid_inertia
 from pgmp_petsc.scene import Scene
 
@@ -68,22 +68,23 @@ class LengthFamily:
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run (``scene.values``).
 
-        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths.
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
+        mechanism cannot be closed with these lengths.
 
         Parameters
         ----------
         nominal
             The model at the nominal lengths, which the family belongs to.
-
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed with these lengths.
         """
         kinematics = self.kinematics(scene, nominal, None)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
-        tables = self._blended_tables(scene)
+        parts = [member.tables for member in self.members]
+        tables = replace(
+            self._of_parts(scene, parts, tuple(OF_TABLES)),
+            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
+            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
+        )
         return replace(
             nominal,
             tables=tables,
@@ -143,14 +144,6 @@ class LengthFamily:
         inertia = np.swapaxes(inertia.reshape(*inertia.shape[:2], n_mass, n_moving, n_each), 3, 4)
         influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
         return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
-
-    def _blended_tables(self, scene: Scene) -> ReducedTables:
-        parts = [member.tables for member in self.members]
-        return replace(
-            self._of_parts(scene, parts, tuple(OF_TABLES)),
-            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
-            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
-        )
 
     def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
         """Return the polynomials of some fields of dataclasses; None where there is nothing."""

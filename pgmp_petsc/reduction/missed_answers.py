@@ -114,6 +114,8 @@ def missed_answers_at(
     """Return the weights, the forces and the answers, local columns (n_w q + n_stiffness_terms m, n_local), of one
     configuration; see `MissedAnswers`. Collective on the problem's communicator.
 
+    Raises `RunError` if the refinement of an answer does not converge.
+
     Parameters
     ----------
     problem
@@ -122,11 +124,6 @@ def missed_answers_at(
         What static modes answer.
     theta, sample, combination
         As of `Manifold.at`.
-
-    Raises
-    ------
-    RunError
-        If the refinement of an answer does not converge.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination

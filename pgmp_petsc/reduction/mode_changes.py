@@ -77,7 +77,11 @@ def mode_changes(
     gyroscopic, spread = np.empty((n, n_terms, r, m, m)), np.empty((n, n_terms, pairs[0].size, m, m))
     for sample in range(n):
         shape, changes = projection[sample], slopes[:, sample]
-        spins = _spins(kinematics, samples.theta[sample])
+        # W_k of every body, each of shape (n_theta, d, d)
+        theta = samples.theta[sample]
+        d = kinematics.mechanism.space.dimension
+        fields = kinematics.motion(theta).velocities[:, d:]
+        spins = [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
             m_spins = [_turned(bodies, weight, [own[k] for own in spins], shape) for k in range(r)]
@@ -89,13 +93,6 @@ def mode_changes(
                 crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
                 spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
-
-
-def _spins(kinematics: RigidKinematics, theta: np.ndarray) -> list[np.ndarray]:
-    """Return W_k of every body, each of shape (n_theta, d, d)."""
-    d = kinematics.mechanism.space.dimension
-    fields = kinematics.motion(theta).velocities[:, d:]
-    return [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
 
 
 def _turned(

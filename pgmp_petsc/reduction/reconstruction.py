@@ -28,8 +28,6 @@ class Reconstruction:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics of the mechanism.
     rom
         The reduced-order model, with the projection.
     scheme

@@ -17,7 +17,6 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
 from pgmp_petsc.reduction.rom_file import (
@@ -31,7 +30,7 @@ from pgmp_petsc.reduction.rom_file import (
     SecondOrderFile,
     StiffnessChangesFile,
 )
-from pgmp_petsc.reduction.sample_grid import ParameterPoints
+from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, shapes_of
@@ -106,10 +105,7 @@ class ReducedOrderModel:
     def at_lengths(self, scene: Scene) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run; itself where none is a parameter.
 
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed with these lengths.
+        Raises `InputError` if the mechanism cannot be closed with these lengths.
         """
         return self if self.family is None else self.family.at(scene, self)
 
@@ -142,10 +138,8 @@ class ReducedOrderModel:
     def read(cls, path: str | Path) -> ReducedOrderModel:
         """Read ROM.h5 (one process).
 
-        Raises
-        ------
-        InputError
-            If the file is missing, cut off, of another kind or version, or its tables do not fit together.
+        Raises `InputError` if the file is missing, cut off, of another kind or version, or its tables do not fit
+        together.
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             found = RomFile.take(file)

@@ -98,10 +98,7 @@ class Sampler:
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
         """Sample one configuration (n_theta,), rad.
 
-        Raises
-        ------
-        RunError
-            If the eigensolver fails; see `ModalProblem.solve`.
+        Raises `RunError` if the eigensolver fails; see `ModalProblem.solve`.
         """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))

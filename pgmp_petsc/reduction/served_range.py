@@ -62,8 +62,6 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     ----------
     built
         The scene that it was built from.
-    rom
-        The reduced model.
     """
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = {}
@@ -85,10 +83,7 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
 def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ...]:
     """Return warnings of values of a single run, and of distributions, outside what is served.
 
-    Raises
-    ------
-    InputError
-        If a value, or the greater part of a distribution, is beyond what is served.
+    Raises `InputError` if a value, or the greater part of a distribution, is beyond what is served.
     """
     return tuple(warning(text) for name, served in ranges.items() for text in _of_parameter(name, served, scene))
 
@@ -96,10 +91,7 @@ def check_served(ranges: Mapping[str, Served], scene: Scene) -> tuple[Remark, ..
 def refuse_beyond(ranges: Mapping[str, Served], values: Mapping[str, np.ndarray], where: str) -> None:
     """Refuse samples beyond what is served; parameters as of `outside_of`.
 
-    Raises
-    ------
-    InputError
-        Naming the first of them.
+    Raises `InputError`, naming the first of them.
     """
     for name, served in ranges.items():
         beyond = served.beyond(values.get(name, np.zeros(0)))

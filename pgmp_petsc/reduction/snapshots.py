@@ -15,12 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.sample_grid import ParameterPoints
@@ -52,9 +50,7 @@ class ParameterSnapshots:
     def __enter__(self) -> ParameterSnapshots:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for problem in self.problems:
             problem.close()
 
@@ -122,6 +118,9 @@ class Compression:
     def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int) -> Compression:
         """Find the leading vectors.
 
+        Raises `InputError` if they are not independent at every configuration: where one vanishes, the reduced mass
+        would be singular.
+
         Parameters
         ----------
         grams
@@ -131,11 +130,6 @@ class Compression:
             over two of them, those that do are orthogonal to those that do not.
         n_parameter
             Number of vectors wanted.
-
-        Raises
-        ------
-        InputError
-            If they are not independent at every configuration: where one vanishes, the reduced mass would be singular.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
@@ -180,19 +174,15 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
+    Raises `InputError` if no parameter has a distribution: there is nowhere to take modes; `RunError` if an
+    eigenproblem fails.
+
     Parameters
     ----------
     problem
         Eigenproblem at the nominal parameters.
     loads
         What static modes answer.
-
-    Raises
-    ------
-    InputError
-        If no parameter has a distribution: there is nowhere to take modes.
-    RunError
-        If an eigenproblem fails.
     """
     if not scene.reduction.parameter_modes:
         return ParameterPoints.none()
@@ -233,7 +223,10 @@ class _Shares:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []
-        middles = _middles(problem.kinematics)
+        # configurations spread over the range, shape (n, n_theta)
+        n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / problem.kinematics.n_coordinates)))
+        axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in problem.kinematics.coordinates]
+        middles = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
         own = middles[list(group.arc(len(middles)))]
         if not own.size:
             return
@@ -302,13 +295,6 @@ class _Configuration:
             rest = snapshot - basis @ (scale[:, None] * projected)
             worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
         return worst
-
-
-def _middles(kinematics: RigidKinematics) -> np.ndarray:
-    """Return configurations spread over the range, shape (n, n_theta)."""
-    n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / kinematics.n_coordinates)))
-    axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in kinematics.coordinates]
-    return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
 def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

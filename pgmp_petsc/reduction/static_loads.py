@@ -41,16 +41,13 @@ class StaticLoads:
     def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
         """Return the loads that a scene asks for, those that depend on others left out; the problem is moved.
 
+        Raises `InputError` if the mesh has too few degrees of freedom for the whole basis.
+
         Parameters
         ----------
         patterns
             Load patterns of the effects; all are used where static modes are wanted, and those of linear springs where
             nothing is said against them.
-
-        Raises
-        ------
-        InputError
-            If the mesh has too few degrees of freedom for the whole basis.
         """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)

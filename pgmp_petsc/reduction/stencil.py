@@ -48,8 +48,6 @@ def stencil(theta, axis, rows, weights, slopes):
     ----------
     theta
         Coordinate, rad; inside the range if the grid is not periodic.
-    axis
-        The grid.
     rows, weights, slopes
         Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
     """

@@ -17,25 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
-from pgmp_petsc.figures.style import (
-    PALETTE,
-    QUIET,
-    PlainNumbers,
-    axis_label,
-    axis_unit,
-    new_figure,
-    span,
-    styled,
-)
+from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.sources import in_words
-from pgmp_petsc.results import (
-    Balance,
-    Band,
-    Sensitivity,
-    Statistics,
-    Tradeoff,
-    Trajectory,
-)
+from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row
@@ -170,7 +154,8 @@ def output_over_time(
             axes.axhline(factor * level, color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=event.label)
         axes.set_ylabel(axis_label(name, shown))
         axes.set_xlabel("time (s)")
-        _ends(axes, [*(curve.time for curve in curves), *([] if band is None else [band.time])])
+        times = [*(curve.time for curve in curves), *([] if band is None else [band.time])]
+        span(axes, min(time[0] for time in times), max(time[-1] for time in times))
         if len(axes.get_legend_handles_labels()[0]) > 1:
             _keys(axes)
 
@@ -314,10 +299,6 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
         _keys(axes)
 
     return chart(draw, in_words(output))
-
-
-def _ends(axes: Axes, times: Sequence[np.ndarray]) -> None:
-    span(axes, min(time[0] for time in times), max(time[-1] for time in times))
 
 
 def _keys(axes: Axes) -> None:

@@ -2,39 +2,499 @@
 
 Figures from a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
 script, pictures and data are within the page, and its content policy lets it load nothing else.
+
+One scene's part of a page: everything that the template writes, worked out of the scene's results.
+
+Data to take along from a page: CSV with all digits, within the page itself.
 """
 
 from __future__ import annotations
 
+import base64
 import re
-from collections.abc import Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import Any
 
 import numpy as np
 
 from pgmp_petsc import __version__
-from pgmp_petsc.report.section import section_of
-from pgmp_petsc.report.sources import compact_json, read_sources, sentence_case
-from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
+from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
+from pgmp_petsc.report import charts
+from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
+from pgmp_petsc.report.charts import Chart, Curve
+from pgmp_petsc.report.film import Film, film_of
+from pgmp_petsc.report.sources import (
+    READERS,
+    Build,
+    Datum,
+    Interval,
+    Place,
+    Sentence,
+    Source,
+    compact_json,
+    in_words,
+    read_sources,
+    sentence_case,
+)
+from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import one_unit_each
+from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, counted
-from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.runtime.files import KINDS, replacing
+
+MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
+MOST_CURVES = 7
+MOST_SHARES = 12  # parameters of a design point
+MOST_FAILED = 20
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: its head, rows of sentences, and the text below it."""
+
+    head: list[str]
+    rows: list[list[Sentence]]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """The page's section on a scene; the names are those of the template."""
+
+    name: str
+    description: str
+    verdict: list[Sentence]
+    film: Film | None
+    film_of: str
+    parameters: Table
+    outputs: list[Chart]
+    statistics: list[Table]
+    distributions: list[Chart]
+    rankings: list[tuple[str, list[Chart]]]
+    budget: list[Line]
+    energies: list[Chart]
+    tradeoffs: list[tuple[Table, list[Chart], list[str]]]
+    rare_events: list[Table]
+    failures: list[Table]
+    remarks: list[tuple[str, str, str]]
+    cost: Table
+    origins: Table
+    commands: list[str]
+    downloads: list[Download]
+    absent: list[str]
+
+
+def section_of(sources: Sequence[Source]) -> Section:
+    """Return the part of a scene."""
+    scene = scene_of(sources[0].record)
+    header = scene.get("scene", {})
+    runs = [source for source in sources if isinstance(source.result, Trajectory)]
+    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
+    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    comparisons = paired([source.result for source in runs])
+    error = model_error(sources, comparisons)
+    filmed = next((source for source in runs if source.result.frames is not None), None)
+    film = None if filmed is None else film_of(filmed.result, filmed.name)
+    labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
+    return Section(
+        name=in_words(str(header.get("name", "scene without a name"))),
+        description=str(header.get("description", "")),
+        verdict=verdict(sources, error),
+        film=film,
+        film_of="" if film is None else film_words(filmed, scene, bool(ensembles)),
+        parameters=_parameters(scene, sources[0]),
+        outputs=_outputs(scene, comparisons, labels, ensembles),
+        statistics=[_statistics(source, len(ensembles) > 1) for source in ensembles if source.result.statistics],
+        distributions=list(_distributions(scene, ensembles)),
+        rankings=[
+            (_ranked(source), [charts.ranking(name, found) for name, found in source.result.sobol.items()])
+            for source in ensembles
+            if source.result.sobol
+        ],
+        budget=error_budget(sources, error),
+        energies=list(_energies(runs)),
+        tradeoffs=[_tradeoff(source) for source in studies],
+        rare_events=[_rare_event(source) for source in sources if isinstance(source.result, RareEvent)],
+        failures=[_failures(source) for source in ensembles if source.result.status.any()],
+        remarks=_remarks(sources),
+        cost=_cost(sources),
+        origins=_origins(sources),
+        commands=_commands(sources),
+        downloads=[download for source in sources for download in downloads_of(source)],
+        absent=list(_absent(runs, ensembles, film)),
+    )
+
+
+def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
+    """Return what is seen in the film: which run, and where its parameters are not those of the scene."""
+    words = f"{MODEL_WORDS[source.result.model]}, {source.name}"
+    nominal = {name: entry.get("nominal") for name, entry in scene.get("parameters", {}).items()}
+    units = {name: str(entry.get("unit", "1")) for name, entry in scene.get("parameters", {}).items()}
+    other = [
+        f"{quantity(name, value, units[name])} (nominally {quantity(name, nominal[name], units[name]).split(' = ')[1]})"
+        for name, value in source.record.parameters.items()
+        if isinstance(nominal.get(name), (int, float)) and value != nominal[name]
+    ]
+    if other:
+        words += f", at {', '.join(other)}"
+    elif among_samples:
+        words += ", at the nominal parameters"
+    if among_samples:
+        words += ": a single run, none of the samples"
+    return words
+
+
+def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
+    """Return the parameters with their units, values and distributions."""
+    rows = []
+    for name, value in source.record.parameters.items():
+        entry = scene.get("parameters", {}).get(name, {})
+        unit = str(entry.get("unit", "1"))
+        factor, shown = axis_unit(unit, np.array([value]))
+        shown = "" if shown in ("", "1") else f" {shown}"
+        law = entry.get("distribution")
+        drawn = "fixed"
+        if isinstance(law, dict):
+            arguments = ", ".join(
+                f"{len(item)} {'distributions' if key == 'of' else key}"
+                if isinstance(item, list)
+                else f"{key} = {factor * item:.6g}{shown}"
+                if key in ("loc", "scale")
+                else f"{key} = {item:g}"
+                for key, item in law.items()
+                if isinstance(item, (int, float, list))
+            )
+            drawn = f"{law.get('name', '')}({arguments})"
+        bounds = entry.get("bounds")
+        if bounds:
+            drawn += f", from {factor * bounds[0]:.6g} to {factor * bounds[1]:.6g}{shown}"
+        shown_value = Datum(value, f"{factor * value:.6g}", source.name, f"@parameters/{name}")
+        rows.append([[name], [str(entry.get("description", ""))], [shown_value, shown], [drawn]])
+    return Table(["parameter", "what it is", "value", "distribution"], rows)
+
+
+def _outputs(
+    scene: Mapping[str, Any], comparisons: Sequence[Comparison], labels: Sequence[str], ensembles: Sequence[Source]
+) -> list[Chart]:
+    """Return a chart an output: the runs, and the bands of the first ensemble that has them."""
+    banded = next((source.result for source in ensembles if any(b.count for b in source.result.bands.values())), None)
+    runs = [
+        (run, ", ".join(filter(None, (MODELS[run.model], label))))
+        for comparison, label in zip(comparisons, labels)
+        for run in comparison.runs
+    ][:MOST_CURVES]
+    names = dict.fromkeys([name for run, _ in runs for name in run.outputs])
+    names |= dict.fromkeys([] if banded is None else banded.bands)
+    levels = charts.levels_of(scene.get("ensemble", {}).get("probabilities", {}))
+    found = []
+    for name in names:
+        curves = [Curve(label, run.model, run.time, run.outputs[name]) for run, label in runs if name in run.outputs]
+        band = None if banded is None else banded.bands.get(name)
+        band = band if band is not None and band.count else None
+        units = [run.units.get(name, "1") for run, _ in runs if name in run.outputs]
+        unit = (units or [banded.units.get(name, "1") if banded is not None else "1"])[0]
+        model = "full" if banded is None else banded.model
+        level = levels.get(name)
+        level = level if level is not None and level.when == "ever" else None
+        if curves or band is not None:
+            found.append(charts.output_over_time(name, unit, curves, band, model, level))
+    return found
+
+
+def _statistics(source: Source, several: bool) -> Table:
+    """Return the figures of an ensemble with their intervals."""
+    ensemble = source.result
+    head = ["", "mean", "deviation", "samples"]
+    first = next(iter(ensemble.statistics.values()))
+    head += [f"{100 * p:g} %" for p in first.probabilities]
+    rows: list[list[Sentence]] = []
+    names = [name for name in ensemble.statistics if name not in ensemble.parameters]
+    for name in (*names, *ensemble.parameters):
+        s = ensemble.statistics.get(name)
+        if s is None or not s.count:
+            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
+            rows.append([[_title(ensemble, name)], [never], *([[]] * (len(head) - 2))])
+            continue
+        factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
+        place = Place(source.name, f"/statistics/{name}")
+        if s.constant:
+            mean = place.datum("mean", s.mean, f"{factor * s.mean:.6g}")
+            count = place.datum("count", s.count, f"{s.count}")
+            title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
+            rows.append([[title], [mean], ["constant"], [count], *([[]] * s.probabilities.size)])
+            continue
+        quantiles = [
+            place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
+            for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
+        ]
+        title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
+        mean = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
+        std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
+        rows.append([[title], mean, std, [place.datum("count", s.count, str(s.count))], *quantiles])
+    of = f"{source.name}: " if several else ""
+    note = f"{of}{MODEL_WORDS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
+    return Table(head, rows, note)
+
+
+def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Iterator[Chart]:
+    """Yield the densities of the first ensemble: outputs, what is known of them over time, and parameters."""
+    levels = charts.levels_of(scene.get("ensemble", {}).get("probabilities", {}))
+    for source in ensembles[:1]:
+        ensemble = source.result
+        failed = ensemble.status != 0
+        names = [name for name in ensemble.statistics if name not in ensemble.parameters]
+        for name in (*names, *ensemble.parameters):
+            s = ensemble.statistics.get(name)
+            if s is None or not s.edges.size or s.constant:  # of what is the same in all samples there is no density
+                continue
+            of_input = name in ensemble.parameters
+            lost = ensemble.parameters[name][failed] if of_input else np.empty(0)
+            output, _, which = name.partition(".")
+            level = levels.get(output)
+            if level is not None and which != {"end": "", "ever": "max" if level.above else "min"}[level.when]:
+                level = None
+            unit = ensemble.units.get(name, "1")
+            found = charts.distribution(name, unit, s, ensemble.model, level, lost, of_input)
+            yield replace(found, title=_title(ensemble, name))
+
+
+def _title(ensemble: Ensemble, name: str) -> str:
+    """Return a quantity of an ensemble in words."""
+    return in_words(name) + (", first passage" if name in ensemble.first_passages else "")
+
+
+def _ranked(source: Source) -> str:
+    found = next(iter(source.result.sobol.values()))
+    total = "" if found.total is not None else "; total indices need the sampler saltelli"
+    what = "blocks of samples" if found.method == "saltelli" else "samples"
+    level = f"{100 * found.confidence:g} % intervals"
+    return f"{source.name}: Sobol indices from {found.count} {what}, {level}{total}"
+
+
+def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
+    """Yield the energies of the first run that has them, and what is left over of their balance."""
+    run = next((source.result for source in runs if source.result.balance is not None), None)
+    if run is not None:
+        yield charts.energies(run, run.balance)
+        if run.balance.exchanged > 0.0:
+            yield charts.residual(run, run.balance)
+
+
+def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
+    """Return the settings on the fronts, a chart an output, and the advice."""
+    study = source.result
+    chosen = study.pareto.any(axis=1)
+    chosen[0] = True
+    rows = []
+    for row in np.flatnonzero(chosen)[np.argsort(study.times.batch[chosen])]:
+        errors = [
+            [Datum(study.errors[row, k], f"{100 * study.errors[row, k]:.2g}", source.name, "/errors", f"{row},{k}")]
+            for k in range(len(study.outputs))
+        ]
+        clock = "processor" if study.busy else "online"
+        place = f"/{clock}/batch"
+        batch = Datum(study.times.batch[row], f"{1e3 * study.times.batch[row]:.3g}", source.name, place, str(row))
+        rows.append([[study.name(row) + (" (the scene)" if row == 0 else "")], *errors, [batch]])
+    head = ["setting", *(f"{in_words(name)}, %" for name in study.outputs), "a sample, ms"]
+    note = study.reference or "Errors are the largest over time and test values, of the output's largest value."
+    failed = [f"{study.name(row)}: {reason}" for row, reason in enumerate(study.reasons) if reason]
+    return Table(head, rows, note), [charts.accuracy_and_time(study, name) for name in study.outputs], [
+        *study.advice, *(f"failed or too dear: {text}" for text in failed)
+    ]  # fmt: skip
+
+
+def _failures(source: Source) -> Table:
+    """Return which samples failed, where and why."""
+    ensemble = source.result
+    failed = np.flatnonzero(ensemble.status)
+    names = list(ensemble.parameters)
+    rows = []
+    for k in failed[:MOST_FAILED]:
+        values = [
+            [
+                Datum(
+                    ensemble.parameters[n][k],
+                    f"{ensemble.parameters[n][k]:.5g}",
+                    source.name,
+                    f"/parameters/{n}",
+                    str(k),
+                )
+            ]
+            for n in names
+        ]
+        time = Datum(ensemble.failure_time[k], f"{ensemble.failure_time[k]:.4g}", source.name, "/failure_time", str(k))
+        rows.append([[str(k)], *values, [time], [ensemble.meanings[int(ensemble.status[k])]]])
+    units = [ensemble.units.get(name, "1") for name in names]
+    head = ["sample", *(n if u == "1" else f"{n} ({u})" for n, u in zip(names, units)), "at (s)", "reason"]
+    left = len(failed) - len(rows)
+    note = f"{source.name}: {len(failed)} of {len(ensemble.status)} samples failed"
+    return Table(head, rows, f"{note}; {left} more are in its data." if left else f"{note}.")
+
+
+def _rare_event(source: Source) -> Table:
+    """Return the probability of a rare event, and where it is most likely."""
+    found, place = source.result, Place(source.name, "/probability")
+    ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
+    if found.reached:
+        chance = [place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends)]
+    else:
+        chance = ["not reached: at most ", ends[1]] if np.isfinite(found.interval[1]) else ["not reached"]
+    rows: list[list[Sentence]] = [[["probability"], chance, [""]]]
+    likely = found.most_likely
+    for k in range(0 if likely is None else len(likely.beta)):
+        beta = Datum(likely.beta[k], f"{likely.beta[k]:.4g}", source.name, "/most_likely/beta", str(k))
+        words = f", first-order probability {likely.probability[k]:.3g}"
+        rows.append([[f"design point {k + 1}"], ["beta ", beta, words], [""]])
+    for k in () if likely is None else np.argsort(-likely.shares[0])[:MOST_SHARES]:
+        name, share = found.names[k], likely.shares[0, k]
+        value = likely.parameters[name][0]
+        at = Datum(value, f"{value:.5g}", source.name, f"/most_likely/parameters/{name}", "0")
+        part = Datum(share, f"{100 * share:.1f}", source.name, "/most_likely/shares", f"0,{k}")
+        rows.append([[name], [at], [part, " %"]])
+    note = f"{source.name}: {found.event}, {100 * found.confidence:g} % interval of {len(found.status)} samples"
+    lines = "; parameters, in SI units, are those at the first design point, with their shares in the event"
+    return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
+
+
+def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
+    """Return the files, kind and text of every remark, once, warnings first."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for source in sources:
+        for remark in source.record.remarks:
+            found.setdefault((remark.kind, remark.text), []).append(source.name)
+    rows = [(", ".join(dict.fromkeys(names)), kind, text) for (kind, text), names in found.items()]
+    return sorted(rows, key=lambda row: row[1] != "warning")
+
+
+def _cost(sources: Sequence[Source]) -> Table:
+    rows = [
+        [[source.name], [phase], [Datum(seconds, f"{seconds:.3g}", source.name, f"/timings/{phase}"), " s"]]
+        for source in sources
+        for phase, seconds in source.record.timings.items()
+    ]
+    return Table(["file", "phase", "wall time"], rows)
+
+
+def _origins(sources: Sequence[Source]) -> Table:
+    """Return what each file is and which program wrote it."""
+    names = {reader: kind for kind, reader in READERS.items()}
+    rows = []
+    for source in sources:
+        kind, model = KINDS[names[type(source.result)]], getattr(source.result, "model", "")
+        seed = source.record.seed
+        of = f", {MODELS[model]}" if model else ""
+        rows.append(
+            [[source.name], [f"{kind}{of}"], [f"pgmp {source.program}"], [str(source.record.ranks)],
+             ["" if seed is None else str(seed)]]
+        )  # fmt: skip
+    return Table(["file", "what it is", "written by", "ranks", "seed"], rows)
+
+
+def _commands(sources: Sequence[Source]) -> list[str]:
+    """Return commands that repeat the results, from the scene that they carry."""
+    any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
+    builds = [shlex.quote(source.name) for source in sources if isinstance(source.result, Build)]
+    rom = builds[0] if builds else "rom.h5"
+    found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
+    if builds or any_reduced:
+        found.append(f"pgmp build scene.toml -o {rom}")
+    for source in sources:
+        result, target = source.result, shlex.quote(source.name)
+        if isinstance(result, Build):
+            continue
+        if isinstance(result, Tradeoff):
+            quick = " --quick" if result.quick else ""
+            found.append(f"pgmp tradeoff scene.toml{quick} -n {result.samples} -o {target}")
+            continue
+        model = {"full": "scene.toml --full", "components": "scene.toml --components"}.get(result.model, rom)
+        if isinstance(result, Ensemble):
+            seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
+            found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
+        elif isinstance(result, RareEvent):
+            asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
+            found.append(f"pgmp montecarlo {model} {asked} -o {target}")
+        else:
+            values = "".join(f" --set {name}={value!r}" for name, value in result.record.parameters.items())
+            found.append(f"pgmp simulate {model}{values} -o {target}")
+    return found
+
+
+def _absent(runs: Sequence[Source], ensembles: Sequence[Source], film: Film | None) -> Iterator[str]:
+    """Yield what the page does not show, and what would bring it."""
+    if film is None:
+        yield "no picture of the mechanism: no trajectory with frames is here; add a file of pgmp simulate"
+    else:
+        yield from film.left_out
+    if len(runs) > MOST_CURVES:
+        yield f"{MOST_CURVES} of {len(runs)} runs are in the charts over time"
+    if not ensembles:
+        yield "no probabilities and no intervals: no ensemble is here; add a file of pgmp montecarlo"
+    elif len(ensembles) > 1:
+        yield f"distributions and bands are those of {ensembles[0].name}; the tables have all ensembles"
+    for source in ensembles:
+        if not source.result.sobol:
+            yield f"no ranking in {source.name}: it takes two uncertain parameters and 80 samples"
+        if not source.result.probabilities:
+            yield f"no probabilities in {source.name}: the scene has no ensemble.probabilities"
+    if runs and all(source.result.balance is None for source in runs):
+        yield "no balance of energy: the trajectories have none"
+
+
+MOST_NUMBERS = 400_000  # of a table: about 8 MB; the files have the rest
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file within the page."""
+
+    name: str  # under which it is saved
+    about: str  # what is in it
+    address: str  # ``data:`` address with the content
+
+
+def downloads_of(source: Source) -> list[Download]:
+    """Return the tables of a file, and the scene that it was made from."""
+    stem = PurePath(source.name).with_suffix("").as_posix().replace("/", "_")
+    result = source.result
+    found = []
+    for kind, about in ((Trajectory, "outputs over time"), (Ensemble, "samples"), (Tradeoff, "settings")):
+        if isinstance(result, kind):
+            found.append(_table(f"{stem}.csv", about, columns_of(result)))
+    if isinstance(result, Ensemble):
+        for name, band in result.bands.items():
+            unit = result.units.get(name, "1")
+            columns = {"time": ("s", band.time), "mean": (unit, band.mean), "std": (unit, band.std)}
+            columns |= {f"q{100 * p:g}": (unit, band.quantiles[:, k]) for k, p in enumerate(band.probabilities)}
+            found.append(_table(f"{stem}_{name}.csv", f"{name} over time, of the samples", columns))
+    toml = result.record.scene_toml.encode("utf-8", "backslashreplace")
+    return [*found, Download(f"{stem}.toml", "the scene, with all its defaults", _address("application/toml", toml))]
+
+
+def _table(name: str, about: str, columns: Columns) -> Download:
+    """Return a table; one with too many numbers has the first rows alone, and says so."""
+    rows = len(next(iter(columns.values()))[1])
+    kept = min(rows, max(1, MOST_NUMBERS // len(columns)))
+    about = f"{about}, {rows} rows" if kept == rows else f"{about}, the first {kept} of {rows} rows: the file has all"
+    return Download(name, about, _address("text/csv", csv_text(columns, kept).encode()))
+
+
+def _address(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def write_report(files: Sequence[Path], output: Path) -> list[str]:
     """Write the page of result files, and return lines on what it is and on files given twice; by one process only.
 
-    Files of different scenes get sections of their own, with the scenes' names.
-
-    Raises
-    ------
-    InputError
-        If a file is damaged or none that a page shows, if nothing but reduced models is given, or if the output cannot
-        be written, is one of the files, or is another file than a page of this program.
-    RunError
-        If the system fails to write.
+    Files of different scenes get sections of their own, with the scenes' names. Raises `InputError` if a file is
+    damaged or none that a page shows, if nothing but reduced models is given, or if the output cannot be written, is
+    one of the files, or is another file than a page of this program; `RunError` if the system fails to write.
     """
     check_output(output, "report", files)
     scenes, lines = read_sources(files)

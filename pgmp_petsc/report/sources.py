@@ -61,10 +61,7 @@ class Source:
 def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
     """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice.
 
-    Raises
-    ------
-    InputError
-        If a file is damaged, or none of those that a page shows.
+    Raises `InputError` if a file is damaged, or none of those that a page shows.
     """
     once: dict[str, Path] = {}
     lines = []

@@ -20,7 +20,7 @@ _MODULES = {
     "Fit": "gradients",
     "Frames": "trajectory",
     "MeshErrors": "tradeoff",
-    "ModesTable": "modes",
+    "ModesTable": "trajectory",
     "RareEvent": "statistics",
     "References": "tradeoff",
     "Selection": "selection",

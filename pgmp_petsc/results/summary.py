@@ -40,10 +40,9 @@ from pgmp_petsc.runtime.files import replacing
 if TYPE_CHECKING:
     from pgmp_petsc.results.ensemble import Ensemble, Joined, ShardSamples, Stopping
     from pgmp_petsc.results.gradients import Derivatives
-    from pgmp_petsc.results.modes import ModesTable
     from pgmp_petsc.results.statistics import Statistics
     from pgmp_petsc.results.tradeoff import Tradeoff
-    from pgmp_petsc.results.trajectory import Trajectory
+    from pgmp_petsc.results.trajectory import ModesTable, Trajectory
     from pgmp_petsc.runtime.files import RunRecord
 
 # kinds whose figures are all that the file has, but for samples one by one
@@ -287,10 +286,7 @@ Columns = dict[str, tuple[str, np.ndarray]]
 def columns_of(result: Any) -> Columns:
     """Return the columns of a trajectory, an ensemble, a table of modes, a trade-off study or sensitivities.
 
-    Raises
-    ------
-    TypeError
-        If it is something else.
+    Raises `TypeError` if it is something else.
     """
     kind = getattr(result, "kind", "")
     if kind not in _COLUMNS:
@@ -310,6 +306,9 @@ def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = N
 def write_result(result: Any, path: str | os.PathLike[str], *parts: Any) -> None:
     """Write a result: as a table where the file's name ends in .csv, else as HDF5. By one process only.
 
+    Raises `InputError` if the file cannot be made there, or is there and may not be replaced; `RunError` if the system
+    fails to write.
+
     Parameters
     ----------
     result
@@ -318,13 +317,6 @@ def write_result(result: Any, path: str | os.PathLike[str], *parts: Any) -> None
         File to write.
     parts
         What adds itself to the HDF5 file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be made there, or is there and may not be replaced.
-    RunError
-        If the system fails to write.
     """
     if not is_table(path):
         result.write(path, *parts)

@@ -11,6 +11,14 @@ then holds the run up to there, and a remark says why.
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three components:
 XDMF can then refer to them as they are (:mod:`pgmp_petsc.export.xdmf`). In memory, :class:`Frames` keeps them body by
 body.
+
+Eigenfrequencies over the configurations, of the full-order model and of the reduced one beside it.
+
+Frequencies rise along the last axis. Rigid motion is left out, but for what linear springs resist anywhere: that
+vibrates, and is 0 at dead centres. Frequencies f below zero are motions that grow as ``exp(2 pi |f| t)``. With more
+than one coordinate the configurations are a grid over all of them, the last running fastest.
+
+One mode of vibration of a mechanism at a configuration, as it can be seen.
 """
 
 from __future__ import annotations
@@ -39,6 +47,7 @@ from pgmp_petsc.runtime.files import RunRecord
 
 if TYPE_CHECKING:
     import h5py
+
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
@@ -234,3 +243,41 @@ class Trajectory(Result):
     def why_stopped(self) -> str:
         """Why the run stopped before its end, empty where it did not: the first of its remarks."""
         return self.record.remarks[0].text if self.status else ""
+
+
+ABOUT = "flexible eigenfrequencies, rising; rigid motion left out"
+
+
+@dataclass(frozen=True)
+class ModesTable(Result):
+    """Eigenfrequencies over the configurations; the reduced model may have another number of them."""
+
+    kind = "modes"
+    record: RunRecord = run_record()
+    theta: np.ndarray = array(
+        "coordinate?", "configuration", columns="coordinate_units", about="configurations",
+        label="theta.{column}", is_axis=True,
+    )  # fmt: skip
+    full_hz: np.ndarray = array(
+        "configuration", "full_mode", at="full/frequencies_hz", unit="Hz", about=f"full-order {ABOUT}", gaps=True,
+        label="frequency.full",
+    )  # fmt: skip
+    reduced_hz: np.ndarray | None = array(
+        "configuration", "reduced_mode", at="reduced/frequencies_hz", unit="Hz", about=f"reduced {ABOUT}", gaps=True,
+        absent=None, label="frequency.reduced",
+    )  # fmt: skip
+    coordinate_units: dict[str, str] = columns_of("theta", "coordinate")
+
+
+@dataclass(frozen=True)
+class ModeShape:
+    """A mode."""
+
+    record: RunRecord  # of the reduced model that it is of
+    number: int  # from 1, rigid motion left out
+    frequency_hz: float
+    configuration: str  # in words: ``theta = 0 rad``
+    #: one frame: ``positions`` are those of the undeformed body, ``deformation`` is the displacement of the mode, 1 m
+    #: at its largest, and quantities are those of that displacement
+    fields: dict[str, BodyField]
+    notes: tuple[str, ...] = ()  # what is left out

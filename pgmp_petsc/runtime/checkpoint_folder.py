@@ -21,17 +21,22 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
 
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.plugins import in_use
 from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.runtime.signals import keep, keep_no_longer
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
@@ -79,17 +84,13 @@ class CheckpointFolder:
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
 
+        Raises `InputError` if what is there belongs to another run (and is to be taken up), or is no folder of this
+        program's; `RunError` if the folder cannot be made.
+
         Returns
         -------
         tuple of Remark
             What of an older run was removed, or that there is nothing to take up.
-
-        Raises
-        ------
-        InputError
-            If what is there belongs to another run (and is to be taken up), or is no folder of this program's.
-        RunError
-            If the folder cannot be made.
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()
@@ -122,10 +123,7 @@ class CheckpointFolder:
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store a piece; any process may, each its own names. The arrays are not to be changed any more.
 
-        Raises
-        ------
-        RunError
-            If the system fails to write; pieces that are there stay.
+        Raises `RunError` if the system fails to write; pieces that are there stay.
         """
         target, archive = self.path / f"{name}.npz", io.BytesIO()
         np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
@@ -151,10 +149,7 @@ class CheckpointFolder:
     def take(self, path: Path, read: Callable[[Mapping[str, np.ndarray]], Content]) -> Content:
         """Return what ``read`` makes of the arrays of a piece.
 
-        Raises
-        ------
-        BrokenSeal
-            If the piece is damaged or belongs to another run.
+        Raises `BrokenSeal` if the piece is damaged or belongs to another run.
         """
         try:
             stamp, arrays = self._at_hand.get(path, ((), {}))
@@ -204,10 +199,7 @@ class CheckpointFolder:
     def _label(self) -> dict[str, object] | None:
         """Return what the folder's label says, None where there is no folder or nothing in it.
 
-        Raises
-        ------
-        InputError
-            If it has no label of this program, or a damaged one.
+        Raises `InputError` if it has no label of this program, or a damaged one.
         """
         if not os.path.lexists(self.path):
             return None
@@ -248,6 +240,66 @@ class CheckpointFolder:
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"
                 )
+
+
+class SharedCheckpoint:
+    """Finished pieces of a run that all ranks take up, whatever the number of ranks that wrote them.
+
+    Collective on `comm` where it is made. Raises as `CheckpointFolder.open`, and `RunError` if a rank cannot read what
+    the first one can.
+
+    Parameters
+    ----------
+    output, run
+        As of `CheckpointFolder`; ranks may work in different directories.
+    resume
+        Whether to take up what is there.
+    readers
+        What makes a mapping of a piece's name and its arrays, by a pattern of the name.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        run: Mapping[str, object],
+        comm: MPI.Comm,
+        resume: bool,
+        readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
+    ) -> None:
+        self._world = comm
+        self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
+
+        def opening_the_checkpoint() -> tuple[list[list[Path]], tuple[Remark, ...]]:
+            remarks, paths = self._folder.open(resume), []
+            for pattern, read in readers.items():
+                sound, broken = self._folder.sound(partial(self._read, read), pattern)
+                paths.append(sound)
+                remarks += broken
+            return paths, remarks
+
+        # one rank says what is sound: another that reads for itself might see other files
+        paths, self.remarks = on_root(comm, opening_the_checkpoint)  # remarks are of what was not taken up
+        self._taken_up = any(paths)
+        with agreed(comm, "reading the checkpoint"):
+            self._known = [{} for _ in paths]
+            for known, found, read in zip(self._known, paths, readers.values()):
+                for path in found:
+                    try:
+                        known |= self._read(read, path)
+                    except BrokenSeal as broken:
+                        raise RunError(f"piece '{path}' cannot be read on every rank: {broken}") from broken
+
+    def _read(self, read: Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]], path: Path) -> dict[Any, Any]:
+        return self._folder.take(path, lambda arrays: read(path.stem, arrays))
+
+    def forget(self) -> None:
+        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
+        if not self._taken_up:
+            self.remove()
+
+    def remove(self) -> None:
+        """Remove the folder once the result is written. Collective on all ranks."""
+        on_root(self._world, self._folder.remove)
 
 
 def _stamp(path: Path) -> tuple[int, ...]:

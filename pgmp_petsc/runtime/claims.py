@@ -186,6 +186,8 @@ def claimed(
 ) -> Iterator[Path]:
     """Check an output and keep it from other jobs within the block. Collective on ``comm``.
 
+    Raises `InputError`, as `check_output`, and if another job is writing the output.
+
     Parameters
     ----------
     comm
@@ -197,11 +199,6 @@ def claimed(
     ------
     Path
         The output's full path, the same on all ranks wherever they work; a symbolic link is followed.
-
-    Raises
-    ------
-    InputError
-        As `check_output`, and if another job is writing the output.
     """
     with ExitStack() as held:
 
@@ -217,17 +214,14 @@ def claimed(
 def locked(target: Path, named: str) -> Iterator[None]:
     """Keep a file, or what it refers to, from other jobs within the block; by one process.
 
+    Raises `InputError` if another job has it, or it cannot be locked.
+
     Parameters
     ----------
     target
         The file, in a directory that exists.
     named
         What it is to the user, such as ``folder 'x_results'``.
-
-    Raises
-    ------
-    InputError
-        If another job has it, or it cannot be locked.
     """
     lock = OutputLock(target, named)
     try:
@@ -248,6 +242,9 @@ def check_output(
 ) -> Path:
     """Check that a result may be written, and return its full path; symbolic links are followed.
 
+    Raises `InputError` if the output is one of the inputs, exists and is no result of this program or one of another
+    kind, is a directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
+
     Parameters
     ----------
     output
@@ -257,12 +254,6 @@ def check_output(
         ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``).
     inputs
         Files that are read for it.
-
-    Raises
-    ------
-    InputError
-        If the output is one of the inputs, exists and is no result of this program or one of another kind, is a
-        directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
     """
     try:
         target = Path(os.path.realpath(output))
@@ -282,17 +273,14 @@ def check_output(
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
     """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
 
+    Raises `InputError` if it is the output or something that is no folder, lies in such, or may not be written in.
+
     Parameters
     ----------
     folder
         Where pictures go.
     output
         File that the same command writes; None where there is none.
-
-    Raises
-    ------
-    InputError
-        If it is the output or something that is no folder, lies in such, or may not be written in.
     """
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")

@@ -27,26 +27,32 @@ A stream under an HDF5 file that is being written, which keeps HDF5 alive when t
 The HDF5 library does not survive a failed write: closing the file fails too, and the process ends with a
 segmentation fault (seen with HDF5 1.10, h5py 3.7). HDF5 therefore writes through :class:`GuardedStream`,
 which remembers the first failure, pretends that all is well until HDF5 has closed its file, and then raises.
+
+Tables of numbers as CSV that users hand over: names in the first line, then a row a line; empty lines have no part.
+
+Commas separate columns. A unit may follow a name, ``time (s)``, as in the tables that this program writes;
+another one than that of the column is refused.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import Any, TextIO
 
 import h5py
 import numpy as np
 
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.claims import KINDS, check_output, named
-from pgmp_petsc.runtime.errors import InputError, Remark, RunError, from_json, to_json
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError, from_json, shortened, to_json
 from pgmp_petsc.runtime.plugins import check_plugins, plugins_of
 from pgmp_petsc.runtime.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 
@@ -104,9 +110,7 @@ class GuardedStream:
     def __enter__(self) -> GuardedStream:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
         self._guarded(self._stream.close, instead=0)
         if not self._stream.closed:
@@ -180,10 +184,7 @@ class RunRecord:
     def read(cls, file: h5py.File) -> RunRecord:
         """Read the record of a file opened with :func:`open_file`.
 
-        Raises
-        ------
-        InputError
-            If it was made with a plugin that is not in use, or with another one of that name.
+        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
         """
         with shapes_of(file):
             needed = json.loads(file.attrs.get("plugins", "{}"))
@@ -216,7 +217,8 @@ def _toml(value: object) -> str:
 def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
     """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
 
-    To be called by one process only.
+    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
+    under ``path`` is left as it was.
 
     Parameters
     ----------
@@ -226,11 +228,6 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
         What it is, for the message.
     pushed
         Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
-
-    Raises
-    ------
-    RunError
-        If the system fails to write (a full disk, say); an older file under ``path`` is left as it was.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -254,7 +251,9 @@ def write_file(
 ) -> Iterator[h5py.File]:
     """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
 
-    To be called by one process only. The block calls :meth:`RunRecord.write`.
+    To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
+    written (see :func:`~pgmp_petsc.runtime.claims.check_output`); `RunError` if the system fails to write (a full disk,
+    say); an older file under `path` is left as it was.
 
     Parameters
     ----------
@@ -264,13 +263,6 @@ def write_file(
         One of :data:`KINDS`.
     attributes : mapping, optional
         Further root attributes.
-
-    Raises
-    ------
-    InputError
-        If `path` cannot be written (see :func:`~pgmp_petsc.runtime.claims.check_output`).
-    RunError
-        If the system fails to write (a full disk, say); an older file under `path` is left as it was.
     """
     import h5py
 
@@ -299,15 +291,13 @@ def version_of(kind: str) -> int:
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
     """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
 
+    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
+    attributes.
+
     Returns
     -------
     h5py.File
         Use it in a ``with`` block, with :func:`shapes_of` around what is read.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks attributes.
     """
     import h5py
 
@@ -350,10 +340,7 @@ def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) ->
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
     """Read a dataset of numbers, or of texts, and check its number of dimensions.
 
-    Raises
-    ------
-    ValueError
-        If it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
+    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
     """
     import h5py
 
@@ -428,3 +415,59 @@ def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> No
 def _names(kinds: tuple[str, ...]) -> str:
     """Return the kinds as words: 'a trajectory or a table of modes'."""
     return " or ".join(named(kind) for kind in kinds)
+
+
+WITH_UNIT = re.compile(r"(.*?)\s*\((.*)\)")
+#: What other programs put between columns.
+OTHERS = {";": "semicolons", "\t": "tabs"}
+
+
+def csv_table(
+    stream: TextIO, where: str, units: Mapping[str, str]
+) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
+    """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
+
+    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
+    entries.
+
+    Parameters
+    ----------
+    stream
+        Opened with ``encoding="utf-8-sig", newline=""``.
+    where
+        How messages name the file.
+    units
+        By name, the unit of each column that has a part; empty where only SI is known.
+    """
+    rows = csv.reader(stream, skipinitialspace=True)
+    first = [name.strip() for name in next(rows, [])]
+    for sign, plural in OTHERS.items():
+        if len(first) == 1 and sign in first[0]:
+            shown = shortened(" ".join(first[0].split()), 60)
+            raise InputError(
+                f"{where}: columns are separated by {plural} ('{shown}'); commas are needed, and points in numbers"
+            )
+    names = [_without_unit(name, where, units) for name in first]
+    return names, _rows(rows, len(names), where)
+
+
+def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
+    """Return the name of a column without its unit, which has to be the one that is asked for."""
+    parts = WITH_UNIT.fullmatch(column)
+    if column in units or parts is None or parts[1] not in units:
+        return column
+    name, unit = parts.groups()
+    if unit.strip() != units[name]:
+        needed = units[name] or "SI units"
+        raise InputError(f"{where}: the column '{column}' has to be in {needed}: convert it, and name it '{name}'")
+    return name
+
+
+def _rows(rows: Iterator[list[str]], n_columns: int, where: str) -> Iterator[tuple[int, list[str]]]:
+    for row in rows:
+        if row and len(row) != n_columns:
+            raise InputError(
+                f"{where}: line {rows.line_num} has {len(row)} entries; the first line names {n_columns} columns"
+            )
+        if row:
+            yield rows.line_num, row

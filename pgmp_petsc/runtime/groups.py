@@ -42,12 +42,8 @@ class RankGroup:
     def split(cls, world: MPI.Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
-        Who splits closes. `option` is what asks for it, in messages.
-
-        Raises
-        ------
-        InputError
-            If a group needs more ranks than there are.
+        Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
+        than there are.
         """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(

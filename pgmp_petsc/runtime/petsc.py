@@ -74,12 +74,8 @@ def start_mpi() -> MPI.Comm:
     """Start MPI and return COMM_WORLD; without mpi4py the communicator of this process alone.
 
     Open MPI starts a daemon and looks for networks, a third of a second, also for a process that nobody started
-    together with others; it needs neither. Processes that it starts later are not told so.
-
-    Raises
-    ------
-    InputError
-        If several processes were started together, and there is no mpi4py, or the working directory is gone.
+    together with others; it needs neither. Processes that it starts later are not told so. Raises `InputError` if
+    several processes were started together, and there is no mpi4py, or the working directory is gone.
     """
     open_standard_streams()
     if "mpi4py.MPI" not in sys.modules:
@@ -106,17 +102,14 @@ def petsc_runs() -> bool:
 def start_petsc(arguments: Sequence[str] = (), comm: MPI.Comm | None = None) -> None:
     """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on `comm`.
 
+    Raises `InputError` if a word is no option, PETSc refuses one, or there is no PETSc that would take them.
+
     Parameters
     ----------
     arguments
         Options; PETSc that runs already has had its own.
     comm
         What PETSc takes for its world, COMM_WORLD if not given; it is used until the program ends.
-
-    Raises
-    ------
-    InputError
-        If a word is no option, PETSc refuses one, or there is no PETSc that would take them.
     """
     option_names(arguments)
     if not has_petsc():
@@ -174,10 +167,7 @@ def options_of(prefix: str) -> dict[str, str | None]:
 def option_names(arguments: Sequence[str]) -> list[str]:
     """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
 
-    Raises
-    ------
-    InputError
-        At a word that is neither an option nor the value of one; PETSc would pass over it in silence.
+    Raises `InputError`, at a word that is neither an option nor the value of one; PETSc would pass over it in silence.
     """
     names: list[str] = []
     pushed, words = [], iter(arguments)
@@ -242,19 +232,15 @@ def unused_remark(names: Sequence[str]) -> str:
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
     """Turn what PETSc raises in a block into an error of ours.
 
+    Raises `InputError` if PETSc refuses the value of one of the options with the prefix; `RunError` if anything else
+    fails in PETSc.
+
     Parameters
     ----------
     prefix
         Options prefix of the object that the block works on.
     activity
         What the block does, with the configuration, for messages.
-
-    Raises
-    ------
-    InputError
-        If PETSc refuses the value of one of the options with the prefix.
-    RunError
-        If anything else fails in PETSc.
     """
     from petsc4py import PETSc
 

@@ -20,7 +20,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
 from pgmp_petsc.runtime.errors import visible
@@ -79,9 +78,7 @@ class Progress:
     def __enter__(self) -> Progress:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         return None
 
 
@@ -164,13 +161,11 @@ class Lines(Progress, _Watched):
         self._watch(_counts, lambda: min(max(self._next - self._clock(), 0.01), EVERY))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ended.set()
         _counts.remove(self)
         # the last line of a log says that the work came to its end
-        if 0 <= self._said < self._done >= (self._total or 0) and kind is None:
+        if 0 <= self._said < self._done >= (self._total or 0) and error[0] is None:
             self._say(_words(self._clock() - self._start))
 
     def _say(self, times: str) -> None:
@@ -221,11 +216,9 @@ class _Bar(Progress):
         self._bar.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         _counts.remove(self)
-        self._bar.__exit__(kind, error, trace)
+        self._bar.__exit__(*error)
 
 
 class Beat(_Watched):
@@ -249,9 +242,7 @@ class Beat(_Watched):
         self._watch(_beats, lambda: min(BEAT, max(self.due - self._clock(), 0.05)))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ended.set()
         _beats.remove(self)
         self.clear()

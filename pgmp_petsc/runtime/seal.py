@@ -30,12 +30,8 @@ import numpy as np
 def identity(*values: object) -> str:
     """Return a checksum of arrays, numbers, texts, and of mappings, sequences and dataclasses of these, hexadecimal.
 
-    Fields that a dataclass leaves out of comparisons are left out here too; the order of a mapping counts.
-
-    Raises
-    ------
-    TypeError
-        If there is anything else in them.
+    Fields that a dataclass leaves out of comparisons are left out here too; the order of a mapping counts. Raises
+    `TypeError` if there is anything else in them.
     """
     digest = hashlib.sha256()
     for part in _parts(values):
@@ -115,10 +111,7 @@ class Seal:
 def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
     """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk.
 
-    Raises
-    ------
-    OSError
-        If the system fails to read or write.
+    Raises `OSError` if the system fails to read or write.
     """
     with open(path, "r+b") as stream:
         n_bytes = stream.seek(0, os.SEEK_END)
@@ -140,13 +133,7 @@ def sealed(content: bytes | memoryview, kind: str, format_version: int, run: str
 
 
 def seal_of(path: Path) -> Seal:
-    """Return what the seal of a file says, without checking the rest of it.
-
-    Raises
-    ------
-    BrokenSeal
-        If it has none.
-    """
+    """Return what the seal of a file says, without checking the rest of it. Raises `BrokenSeal` if it has none."""
     with open(path, "rb") as stream:
         return Seal.unpacked(stream.read(SIZE))
 
@@ -154,12 +141,8 @@ def seal_of(path: Path) -> Seal:
 def check_seal(path: Path) -> Seal:
     """Check a file as a whole, and return what its seal says.
 
-    Raises
-    ------
-    BrokenSeal
-        If it has no seal, is cut off or too long, or differs from its checksum.
-    OSError
-        If the system fails to read.
+    Raises `BrokenSeal` if it has no seal, is cut off or too long, or differs from its checksum; `OSError` if the system
+    fails to read.
     """
     with open(path, "rb") as stream:
         found = Seal.unpacked(stream.read(SIZE))

@@ -33,10 +33,7 @@ class Steps:
     def held(self) -> Iterator[None]:
         """Make the folder and keep it from other jobs within the block; one in which nothing begins is removed.
 
-        Raises
-        ------
-        InputError
-            If it cannot be made, holds files of somebody else, or another job works in it.
+        Raises `InputError` if it cannot be made, holds files of somebody else, or another job works in it.
         """
         self.make()
         try:
@@ -48,13 +45,7 @@ class Steps:
                 self.folder.rmdir()
 
     def make(self) -> None:
-        """Make the folder.
-
-        Raises
-        ------
-        InputError
-            If it cannot be made, or holds files of somebody else.
-        """
+        """Make the folder. Raises `InputError` if it cannot be made, or holds files of somebody else."""
         own = {LABEL, lock_path(self.folder / LABEL).name}
         try:
             self.folder.mkdir(exist_ok=True)
@@ -112,10 +103,7 @@ class Steps:
     def check_files(self, names: Iterable[str]) -> None:
         """Check that the files are those that the job took or made.
 
-        Raises
-        ------
-        RunError
-            If another program has written one of them since.
+        Raises `RunError` if another program has written one of them since.
         """
         for name in names:
             if not self.is_finished(name, self._finished(name)["key"]):
@@ -136,10 +124,7 @@ class Steps:
     def _read(self) -> dict[str, dict[str, Any]]:
         """Return what is known of each file; nothing where there is no ledger, or one of another version.
 
-        Raises
-        ------
-        InputError
-            If there is something else in its place.
+        Raises `InputError` if there is something else in its place.
         """
         path = self.folder / LABEL
         try:

@@ -45,10 +45,7 @@ def open_standard_streams() -> None:
 def check_working_folder() -> None:
     """Refuse to start in a folder that was removed: neither MPI nor PETSc starts there.
 
-    Raises
-    ------
-    InputError
-        If it was.
+    Raises `InputError` if it was.
     """
     try:
         os.getcwd()
@@ -86,10 +83,7 @@ def check_variables() -> None:
     """Refuse environment variables that numba cannot work with, and do without a backend that matplotlib does not have;
     once a process, before it imports either.
 
-    Raises
-    ------
-    InputError
-        Naming the variable.
+    Raises `InputError`, naming the variable.
     """
     if os.environ.get("MPLBACKEND") and "matplotlib" not in sys.modules:
         _take_backend()
@@ -175,15 +169,12 @@ def has_mpi() -> bool:
 def needs_petsc(what: str) -> None:
     """Refuse what cannot be done without PETSc, where it is absent.
 
+    Raises `InputError`, naming the packages that are missing; the same on all ranks.
+
     Parameters
     ----------
     what
         The subject of the message, in the plural: "eigenproblems of continuum bodies".
-
-    Raises
-    ------
-    InputError
-        Naming the packages that are missing; the same on all ranks.
     """
     absent = missing()
     if absent:

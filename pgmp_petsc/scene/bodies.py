@@ -191,7 +191,13 @@ class Body(Table):
     def _consistent(self) -> Self:
         exactly_one(self, "mesh", "line", "matrices")
         if self.matrices is not None:
-            return self._consistent_matrices()
+            if not self.continuum:
+                raise refusal("for solid2d and solid3d only", "matrices")
+            for key in ("material", "thickness", "section", "orientation", "section_scale", "regions"):
+                if getattr(self, key):
+                    cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
+                    raise refusal(f"is in the matrices already; {cure}", key)
+            return self
         return self._consistent_solid() if self.continuum else self._consistent_beam()
 
     @property
@@ -203,15 +209,6 @@ class Body(Table):
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
         return int(self.element[-2])
-
-    def _consistent_matrices(self) -> Self:
-        if not self.continuum:
-            raise refusal("for solid2d and solid3d only", "matrices")
-        for key in ("material", "thickness", "section", "orientation", "section_scale", "regions"):
-            if getattr(self, key):
-                cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
-                raise refusal(f"is in the matrices already; {cure}", key)
-        return self
 
     def _consistent_solid(self) -> Self:
         for key in ("line", "section", "orientation"):

@@ -202,7 +202,7 @@ def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
         return {name: effect}
     parts: dict[str, EffectEntry] = {} if _is_zero(effect) else {name: _part(effect, None)}
     for parameter in parameters:
-        parts[_own_name(name, parameter)] = _part(effect, parameter)
+        parts[f"{name}_{parameter}"] = _part(effect, parameter)
     return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
 
 
@@ -212,10 +212,6 @@ def part_problems(scene: Scene) -> Iterator[str]:
         for part in parts_of(name, effect):
             if part != name and part in scene.effects:
                 yield problem(f"effects.{part}", f"a part of effects.{name} has this name; give it another one")
-
-
-def _own_name(name: str, parameter: str) -> str:
-    return f"{name}_{parameter}"
 
 
 def _is_zero(effect: OverTime) -> bool:

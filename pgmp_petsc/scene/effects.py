@@ -88,10 +88,7 @@ class EffectEntry(Table):
     def forces(self, name: str, mechanism: Any) -> Any:
         """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
 
-        Raises
-        ------
-        InputError
-            If a body's mesh does not have a point that it is at.
+        Raises `InputError` if a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
 
@@ -153,13 +150,7 @@ class EffectEntry(Table):
 
 
 def _check(cls: type[EffectEntry]) -> None:
-    """Refuse an effect that is not whole.
-
-    Raises
-    ------
-    InputError
-        With the file and line of the class.
-    """
+    """Refuse an effect that is not whole. Raises `InputError`, with the file and line of the class."""
     made = cls.forces is not EffectEntry.forces
     if getattr(cls, "acts", None) not in ("forces", "mechanism", "reduction"):
         raise refuse(cls, 'an effect says what it is: acts = "forces" (or "mechanism", "reduction")')

@@ -76,10 +76,7 @@ def _notes(hint: Any) -> list[Any]:
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
     """Return the entries of a table that may name a parameter, with their signs and units.
 
-    Raises
-    ------
-    ValueError
-        If one of them has no unit.
+    Raises `ValueError` if one of them has no unit.
     """
     found = {}
     for name, field in table.model_fields.items():
@@ -334,8 +331,7 @@ Point = Annotated[
 Connection = Annotated[
     tuple[Point, Point],
     _needed(
-        'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]',
-        lambda value: _is_list(value, 2),
+        'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]', lambda value: _is_list(value, 2)
     ),
 ]
 

@@ -1,4 +1,5 @@
-"""Distributions that scipy.stats has no name for, and tables of those whose quantiles it has to search for.
+"""Distributions that scipy.stats has no name for or takes long to load, and tables of those whose quantiles it has to
+search for.
 
 ============== =====================================================================================================
 discrete       values with shares of their own
@@ -13,8 +14,10 @@ Laws have atoms: ``below`` is the share of smaller numbers, ``cdf`` that of no l
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +33,113 @@ OFF = 1e-7  # of a share, beyond which a table is none: some distribution functi
 PROBES = np.array([1e-6, 1e-3, *np.linspace(0.02, 0.98, 25), 1.0 - 1e-3, 1.0 - 1e-6])
 
 
-class Discrete:
+class Law:
+    """What a law of our own answers, by the names of scipy.stats."""
+
+    has_atoms = False  # whether single values have shares
+
+    def support(self) -> tuple[float, float]:
+        """Return the smallest and the largest value."""
+        raise NotImplementedError
+
+    def mean(self) -> float:
+        """Return the mean."""
+        raise NotImplementedError
+
+    def std(self) -> float:
+        """Return the standard deviation."""
+        raise NotImplementedError
+
+    def median(self) -> float:
+        """Return the median."""
+        return float(self.ppf(0.5))
+
+    def cdf(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the share up to x."""
+        raise NotImplementedError
+
+    def below(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the share below x."""
+        return self.cdf(x)
+
+    def sf(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the share above x."""
+        return 1.0 - self.cdf(x)
+
+    def ppf(self, share: np.ndarray | float) -> np.ndarray:
+        """Return the smallest numbers that have shares up to them."""
+        raise NotImplementedError
+
+    def isf(self, share: np.ndarray | float) -> np.ndarray:
+        """Return the numbers that have shares above them."""
+        return self.ppf(1.0 - np.asarray(share))
+
+
+@dataclass(frozen=True)
+class Normal(Law):
+    """The normal distribution as scipy.stats has it, whose import takes half a second."""
+
+    loc: float
+    scale: float
+
+    def support(self) -> tuple[float, float]:
+        return -math.inf, math.inf
+
+    def mean(self) -> float:
+        return self.loc
+
+    median = mean
+
+    def std(self) -> float:
+        return self.scale
+
+    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
+        return self.sf(2.0 * self.loc - x)
+
+    def sf(self, x: np.ndarray | float) -> np.ndarray | float:
+        if np.ndim(x):
+            from scipy.special import ndtr
+
+            return ndtr((self.loc - x) / self.scale)
+        return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
+
+    def ppf(self, share: np.ndarray | float) -> np.ndarray:
+        from scipy.special import ndtri
+
+        return self.loc + self.scale * ndtri(share)
+
+    def isf(self, share: np.ndarray | float) -> np.ndarray:
+        return 2.0 * self.loc - self.ppf(share)
+
+
+@dataclass(frozen=True)
+class Uniform(Law):
+    """The uniform distribution between loc and loc + scale."""
+
+    loc: float
+    scale: float
+
+    def support(self) -> tuple[float, float]:
+        return self.loc, self.loc + self.scale
+
+    def mean(self) -> float:
+        return self.loc + 0.5 * self.scale
+
+    median = mean
+
+    def std(self) -> float:
+        return self.scale / math.sqrt(12.0)
+
+    def cdf(self, x: np.ndarray | float) -> np.ndarray | float:
+        if np.ndim(x):
+            return np.clip((x - self.loc) / self.scale, 0.0, 1.0)
+        return min(max((x - self.loc) / self.scale, 0.0), 1.0)
+
+    def ppf(self, share: np.ndarray | float) -> np.ndarray:
+        return self.loc + self.scale * share
+
+
+class Discrete(Law):
     """Values with shares.
 
     Parameters
@@ -41,6 +150,8 @@ class Discrete:
         Shape (n,), in any proportion, not negative.
     """
 
+    has_atoms = True
+
     def __init__(self, values: np.ndarray, weights: np.ndarray) -> None:
         self._values, own = np.unique(values, return_inverse=True)
         shares = np.bincount(own, weights=weights)
@@ -50,50 +161,29 @@ class Discrete:
         used = self._shares > 0.0
         self._values, self._shares, self._sums = self._values[used], self._shares[used], self._sums[used]
 
-    @property
-    def has_atoms(self) -> bool:
-        """Whether single values have shares."""
-        return True
-
     def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
         return float(self._values[0]), float(self._values[-1])
 
     def mean(self) -> float:
-        """Return the mean."""
         return float(self._shares @ self._values)
 
     def std(self) -> float:
-        """Return the standard deviation."""
         return float(np.sqrt(self._shares @ (self._values - self.mean()) ** 2))
 
-    def median(self) -> float:
-        """Return the median."""
-        return float(self.ppf(0.5))
-
     def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share up to x."""
         return np.append(0.0, self._sums)[np.searchsorted(self._values, x, side="right")]
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share below x."""
         return np.append(0.0, self._sums)[np.searchsorted(self._values, x, side="left")]
 
-    def sf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share above x."""
-        return 1.0 - self.cdf(x)
-
     def ppf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the smallest numbers that have shares up to them."""
         return self._values[np.minimum(np.searchsorted(self._sums, share, side="left"), len(self._values) - 1)]
 
-    def isf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the numbers that have shares above them."""
-        return self.ppf(1.0 - np.asarray(share))
 
+class Empirical(Law):
+    """Measured values; see the module.
 
-class Empirical:
-    """Measured values; see the module, and `Discrete`.
+    It has no atoms but for half a share at either end, where a hair's breadth of values represents them.
 
     Parameters
     ----------
@@ -101,18 +191,14 @@ class Empirical:
         Shape (n,).
     """
 
-    has_atoms = False  # but for half a share at either end, where a hair's breadth of values represents them
-
     def __init__(self, values: np.ndarray) -> None:
         self._values = np.sort(values)
         self._shares = (np.arange(len(values)) + 0.5) / len(values)
 
     def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
         return float(self._values[0]), float(self._values[-1])
 
     def mean(self) -> float:
-        """Return the mean."""
         return float(self._values.mean())
 
     def std(self) -> float:
@@ -122,29 +208,14 @@ class Empirical:
         ends = 0.5 * (steps[0] ** 2 + steps[-1] ** 2)
         return float(np.sqrt((ends + np.sum(first**2 + first * last + last**2) / 3.0) / len(steps)))
 
-    def median(self) -> float:
-        """Return the median."""
-        return float(self.ppf(0.5))
-
     def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share up to x."""
         return self._share(x, "right")
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share below x."""
         return self._share(x, "left")
 
-    def sf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share above x."""
-        return 1.0 - self.cdf(x)
-
     def ppf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the numbers that have shares below them."""
         return np.interp(share, self._shares, self._values)
-
-    def isf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the numbers that have shares above them."""
-        return self.ppf(1.0 - np.asarray(share))
 
     def _share(self, x: np.ndarray | float, side: str) -> np.ndarray:
         place, n = np.searchsorted(self._values, x, side=side), len(self._values)
@@ -156,8 +227,8 @@ class Empirical:
         return np.where(place == 0, 0.0, np.where(place == n, 1.0, between))
 
 
-class Mixture:
-    """Shares of other laws; see `Discrete`.
+class Mixture(Law):
+    """Shares of other laws.
 
     Parameters
     ----------
@@ -172,37 +243,26 @@ class Mixture:
 
     @property
     def has_atoms(self) -> bool:
-        """Whether single values have shares."""
         return any(getattr(law, "has_atoms", False) for law in self._laws)
 
     def support(self) -> tuple[float, float]:
-        """Return the smallest and the largest value."""
         ends = np.array([law.support() for law in self._laws], dtype=float)
         return float(ends[:, 0].min()), float(ends[:, 1].max())
 
     def mean(self) -> float:
-        """Return the mean."""
         return float(self._shares @ [law.mean() for law in self._laws])
 
     def std(self) -> float:
-        """Return the standard deviation."""
         squares = [law.std() ** 2 + (law.mean() - self.mean()) ** 2 for law in self._laws]
         return float(np.sqrt(self._shares @ squares))
 
-    def median(self) -> float:
-        """Return the median."""
-        return float(self.ppf(0.5))
-
     def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share up to x."""
         return self._sum("cdf", x)
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share below x."""
         return sum(share * getattr(law, "below", law.cdf)(x) for share, law in zip(self._shares, self._laws))
 
     def sf(self, x: np.ndarray | float) -> np.ndarray:
-        """Return the share above x."""
         return self._sum("sf", x)
 
     def ppf(self, share: np.ndarray | float) -> np.ndarray:

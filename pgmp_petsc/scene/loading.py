@@ -5,14 +5,20 @@ Changes from the command line, on raw tables: `--override dotted.key=VALUE` and 
 Raw tables of a scene before they are validated: what no entry may hold, wherever it stands.
 
 Deep tables end in recursion, null bytes and lone surrogates in system calls and HDF5: they are refused here for all.
+
+Commented scenes that run as they are, to begin with: package data in ``scene/templates``.
+
+A template is a scene, and where its bodies need meshes the files that it names, which are written beside it.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import stat
 import tomllib
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +26,9 @@ import tomli_w
 from pydantic import ValidationError
 
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
-from pgmp_petsc.scene.random_fields import add_field_parameters
+from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.units import convert_parameters
 
@@ -33,10 +40,7 @@ SHOWN_KEYS = 4  # of a path that is too deep
 def read_text(path: Path) -> str:
     """Return the text of a scene's file.
 
-    Raises
-    ------
-    InputError
-        If there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
+    Raises `InputError` if there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
     """
     try:
         kind = path.stat()
@@ -60,13 +64,7 @@ def read_text(path: Path) -> str:
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; `source` begins the message.
-
-    Raises
-    ------
-    InputError
-        If it is no TOML.
-    """
+    """Return the tables of a TOML text; `source` begins the message. Raises `InputError` if it is no TOML."""
     try:
         return tomllib.loads(text)
     except ValueError as error:  # tomllib's own, or Python's for an integer of thousands of digits
@@ -78,10 +76,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
 def check_tables(data: Mapping[str, Any]) -> None:
     """Refuse tables that are too deep, and texts too long or with characters that are none.
 
-    Raises
-    ------
-    InputError
-        Naming the entry.
+    Raises `InputError`, naming the entry.
     """
     waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
     while waiting:
@@ -126,20 +121,6 @@ def _beside(path: Path) -> str:
     return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
 
 
-def read_values(data: Mapping[str, Any], directory: Path) -> None:
-    """Put the numbers of a file in the place of its name, in ``values`` of distributions: a scene carries all it is of.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or something in it is no number.
-    """
-    parameters = data.get("parameters")
-    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
-        law = parameter.get("distribution") if isinstance(parameter, dict) else None
-        _read_law(law, f"parameters.{name}.distribution", directory)
-
-
 def _read_law(law: object, entry: str, directory: Path) -> None:
     if not isinstance(law, dict):
         return
@@ -182,6 +163,8 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
     """Read and validate a scene file.
 
+    Raises `InputError` if the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
+
     Parameters
     ----------
     path : Path or str
@@ -190,11 +173,6 @@ def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequen
         ``dotted.key=VALUE`` with a TOML value: creates or replaces any entry before validation.
     settings : sequence of str
         ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
     """
     path = Path(path)
     return _scene(parse(read_text(path), str(path)), path.parent, overrides, settings)
@@ -226,7 +204,10 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     apply_overrides(data, overrides)
     check_tables(data)
     add_field_parameters(data)
-    read_values(data, directory)
+    parameters = data.get("parameters")
+    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
+        law = parameter.get("distribution") if isinstance(parameter, dict) else None
+        _read_law(law, f"parameters.{name}.distribution", directory)
     given = convert_parameters(data)
     apply_settings(data, settings)  # after the conversion: they are in SI units
     try:
@@ -238,10 +219,7 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
     """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
 
-    Raises
-    ------
-    InputError
-        If the key or the value is not TOML, or if the key leads through something that is not a table.
+    Raises `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table.
     """
     for override in overrides:
         keys, value = _parse_override(override)
@@ -259,10 +237,7 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
 def apply_settings(data: dict[str, Any], settings: Sequence[str]) -> None:
     """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
 
-    Raises
-    ------
-    InputError
-        If there is no such parameter or the value is not a finite number.
+    Raises `InputError` if there is no such parameter or the value is not a finite number.
     """
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
@@ -340,3 +315,71 @@ def _parse_value(override: str, text: str) -> Any:
             f"--override '{shortened(key)}=\"text\"'"
         )
     return table["value"]
+
+
+ENDING = ".toml"
+_FOLDER = resources.files("pgmp_petsc.scene") / "templates"
+
+
+def template_names() -> list[str]:
+    """Return the names of all templates."""
+    return sorted(Path(item.name).stem for item in _FOLDER.iterdir() if item.name.endswith(ENDING))
+
+
+def describe_template(name: str) -> str:
+    """Return what a template shows, in a sentence without its full stop."""
+    return tomllib.loads(_text(name))["scene"]["description"]
+
+
+def write_template(name: str, path: Path, force: bool = False) -> list[Path]:
+    """Write a template's scene to ``path`` and its meshes beside it, and return the files; by one process only.
+
+    Raises `InputError` if there is no such template, or the files cannot be made where they are to be, or exist;
+    `RunError` if the system fails to write.
+
+    Parameters
+    ----------
+    name
+        One of `template_names`.
+    path
+        Of the scene; comments that name the scene's file take its name.
+    force
+        Whether files that are there may be replaced.
+    """
+    if name not in template_names():
+        known = ", ".join(template_names())
+        close = nearest_name(name, template_names())
+        raise InputError(f"template '{name}': there is none{close if 'known' not in close else ''}; known: {known}")
+    if path.is_dir():
+        raise InputError(f"scene file '{path}' is a directory; give the name of a file in it, FILE{ENDING}")
+    if path.suffix.lower() != ENDING:
+        raise InputError(f"scene file '{path}': scenes are TOML; name it '{path.with_suffix(ENDING)}'")
+    if not path.parent.is_dir():
+        raise InputError(f"scene file '{path}': directory '{path.parent}' does not exist; create it first")
+    text = _text(name)
+    contents = {path: text.replace(f"{name}{ENDING}", path.name).encode()}
+    for body in parse(text, name)["bodies"].values():
+        if "mesh" in body:
+            contents[path.parent / body["mesh"]] = (_FOLDER / body["mesh"]).read_bytes()
+    for target, content in contents.items():
+        _check_free(target, content, force)
+    for target, content in contents.items():
+        with replacing(target, "scene file" if target == path else "mesh") as partial:
+            partial.write_bytes(content)
+    return list(contents)
+
+
+def _check_free(target: Path, content: bytes, force: bool) -> None:
+    """Refuse what cannot be replaced, and without force what exists and is something else."""
+    if not os.path.lexists(target):
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            raise InputError(f"file '{target}': no permission to write in directory '{target.parent}'")
+        return
+    if not target.is_file():
+        raise InputError(f"file '{target}' is there and no regular file; give another name")
+    if not force and target.read_bytes() != content:
+        raise InputError(f"file '{target}' exists; give another name, or replace it with --force")
+
+
+def _text(name: str) -> str:
+    return (_FOLDER / f"{name}{ENDING}").read_text(encoding="utf-8")

@@ -82,12 +82,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> InputError:
 
 
 def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
-    location, kind, context, received = (
-        details["loc"],
-        details["type"],
-        details.get("ctx", {}),
-        details["input"],
-    )
+    location, kind, context, received = (details["loc"], details["type"], details.get("ctx", {}), details["input"])
     keys, members = _follow(model, location)
     entry = dotted_name(keys)
     if kind == "missing":

@@ -19,13 +19,7 @@ Axis = Literal["x", "y", "z"]
 STRESSES = {
     "solid2d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
     "solid3d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
-    "beam2d": {
-        "axial_force": "N",
-        "shear_force": "N",
-        "bending_moment": "N m",
-        "stress_max": "Pa",
-        "stress_min": "Pa",
-    },
+    "beam2d": {"axial_force": "N", "shear_force": "N", "bending_moment": "N m", "stress_max": "Pa", "stress_min": "Pa"},
     "beam3d": {
         "axial_force": "N",
         "shear_force_2": "N",
@@ -74,6 +68,8 @@ class OutputEntry(Table):
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
         """Return what is read of frames, an `outputs.readings.Reading`.
 
+        Raises `InputError` if a body's mesh does not have a point that it is at.
+
         Parameters
         ----------
         name
@@ -82,11 +78,6 @@ class OutputEntry(Table):
             Coordinates at the start, shape (n_theta,), rad.
         kinematics
             A `mechanism.kinematics.RigidKinematics`.
-
-        Raises
-        ------
-        InputError
-            If a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
 

@@ -141,13 +141,7 @@ SPELLED = {
 
 
 def reference_page() -> str:
-    """Return the page as Markdown.
-
-    Raises
-    ------
-    ValueError
-        If a model is in none of its tables.
-    """
+    """Return the page as Markdown. Raises `ValueError` if a model is in none of its tables."""
     schema = editor_schema()
     models = schema["definitions"]
     parts, done = [HEAD], set()
@@ -237,20 +231,16 @@ def allowed(entry: Mapping[str, Any]) -> str:
         (inner,) = entry["patternProperties"].values()
         return f"{{ NAME = {allowed(inner)}, ... }}"
     if entry["type"] == "array":
-        return _list(entry)
+        if isinstance(entry["items"], list):
+            return f"[{', '.join(allowed(item) for item in entry['items'])}]"
+        item = allowed(entry["items"])
+        low, high = entry.get("minItems"), entry.get("maxItems")
+        return f"[{', '.join([item] * low)}], in space one more" if (low, high) == (2, 3) else f"list of {item}"
     if entry["type"] in ("number", "integer"):
         return ("number" if entry["type"] == "number" else "integer") + _bounds(entry)
     if entry["type"] == "string":
         return '"OWNER:POINT"' if entry.get("pattern", "").startswith("^[^:]") else "text"
     return {"boolean": "`true`, `false`", "object": "table"}[entry["type"]]
-
-
-def _list(entry: Mapping[str, Any]) -> str:
-    if isinstance(entry["items"], list):
-        return f"[{', '.join(allowed(item) for item in entry['items'])}]"
-    item = allowed(entry["items"])
-    low, high = entry.get("minItems"), entry.get("maxItems")
-    return f"[{', '.join([item] * low)}], in space one more" if (low, high) == (2, 3) else f"list of {item}"
 
 
 def _bounds(entry: Mapping[str, Any]) -> str:

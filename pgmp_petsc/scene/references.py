@@ -146,17 +146,14 @@ def _initial_states(scene: Scene) -> Iterator[str]:
     for name in scene.simulation.initial:
         if name not in scene.coordinates:
             yield problem(
-                f"simulation.initial.{name}",
-                f"there is no such coordinate{nearest_name(name, scene.coordinates)}",
+                f"simulation.initial.{name}", f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
             )
     prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in prescribed and not (coordinate.periodic or low <= position <= high):
             yield problem(
-                f"simulation.initial.{name}.position",
-                f"must lie in the coordinate's range [{low}, {high}]",
-                position,
+                f"simulation.initial.{name}.position", f"must lie in the coordinate's range [{low}, {high}]", position
             )
 
 

@@ -27,8 +27,7 @@ from pgmp_petsc.scene.numerics import (
     ensemble_problems,
 )
 from pgmp_petsc.scene.outputs import Output
-from pgmp_petsc.scene.parameters import Parameter, correlation_problems
-from pgmp_petsc.scene.random_fields import RandomField, field_problems
+from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
 from pgmp_petsc.scene.references import reference_problems
 from pgmp_petsc.scene.units import unit_problems
 from pgmp_petsc.scene.uses import Sign, uses_of

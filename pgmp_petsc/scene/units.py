@@ -91,7 +91,12 @@ def convert_parameters(data: dict[str, Any]) -> dict[str, str]:
             factor, dimension = measure(unit)
         except UnknownUnit:
             continue
-        label = _label(unit, dimension)
+        # the SI unit of a dimension, with angles where `unit` has them; None where scenes hold no such numbers
+        fitting = [label for label, known in SI.items() if known == dimension]
+        if len(fitting) > 1:
+            angular = any(turn in _plain(unit) for turn in ANGULAR)
+            fitting.sort(key=lambda label: ("rad" in label) != angular)
+        label = next(iter(fitting), None)
         if label is not None and _plain(unit) not in _plain_names():
             given[name] = unit
             parameters[name] = _in_si(parameter, factor) | {"unit": label}
@@ -103,7 +108,6 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 
     Parameters
     ----------
-    scene : Scene
     given : mapping of str to str
         Units as `convert_parameters` returned them.
     """
@@ -133,10 +137,7 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
 def measure(unit: str) -> tuple[float, Dimension]:
     """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1.
 
-    Raises
-    ------
-    UnknownUnit
-        If it is not one, or of something that scenes do not hold, such as a temperature.
+    Raises `UnknownUnit` if it is not one, or of something that scenes do not hold, such as a temperature.
     """
     known = _plain_names().get(_plain(unit))
     if known is not None:
@@ -165,10 +166,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
 def take_unit(unit: str) -> None:
     """Take a unit that an effect declares, such as N/m3, among those of scenes.
 
-    Raises
-    ------
-    UnknownUnit
-        If it is none of SI.
+    Raises `UnknownUnit` if it is none of SI.
     """
     if unit not in SI:
         factor, dimension = measure(unit)
@@ -181,15 +179,6 @@ def take_unit(unit: str) -> None:
 def _allowed(uses: list[Use]) -> set[Dimension]:
     """Return the dimensions that all uses take."""
     return set.intersection(*({SI[unit] for unit in use.units} for use in uses)) if uses else set()
-
-
-def _label(unit: str, dimension: Dimension) -> str | None:
-    """Return the SI unit of a dimension, with angles where `unit` has them; None where scenes hold no such numbers."""
-    fitting = [label for label, known in SI.items() if known == dimension]
-    if len(fitting) > 1:
-        angular = any(turn in _plain(unit) for turn in ANGULAR)
-        fitting.sort(key=lambda label: ("rad" in label) != angular)
-    return next(iter(fitting), None)
 
 
 def _contradiction(name: str, uses: list[Use]) -> str:

@@ -34,6 +34,8 @@ def check_residuals(
 ) -> None:
     """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one.
 
+    Raises `RunError` if one is too large.
+
     Parameters
     ----------
     a, b
@@ -44,11 +46,6 @@ def check_residuals(
         The first positive eigenvalue.
     where
         Configuration, for messages.
-
-    Raises
-    ------
-    RunError
-        If one is too large.
     """
     x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
     try:
@@ -74,6 +71,8 @@ def check_complete(
 ) -> None:
     """Count the eigenvalues below a gap by inertia, and compare with those found.
 
+    Raises `RunError` if eigenvalues are missing.
+
     Parameters
     ----------
     count_below
@@ -84,11 +83,6 @@ def check_complete(
         Number of the lowest ones that are wanted.
     where, cure
         Configuration, and what may help, for messages.
-
-    Raises
-    ------
-    RunError
-        If eigenvalues are missing.
     """
     # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
     candidates = np.arange(n_pairs, values.size)
@@ -177,6 +171,9 @@ class ShiftInvertSolver:
     def solve(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check them.
 
+        Raises `RunError` if a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues
+        are missing.
+
         Parameters
         ----------
         a, b
@@ -185,11 +182,6 @@ class ShiftInvertSolver:
             Number of eigenvalues of A that are or may be zero, and of others to be found.
         where
             Configuration, for messages.
-
-        Raises
-        ------
-        RunError
-            If a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues are missing.
         """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)
@@ -242,10 +234,7 @@ class ShiftInvertSolver:
     def factor(self, a: PETSc.Mat, b: PETSc.Mat) -> None:
         """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs.
 
-        Raises
-        ------
-        RunError
-            If the factorisation fails.
+        Raises `RunError` if the factorisation fails.
         """
         self._eps.setOperators(a, b)
         ksp = self._eps.getST().getKSP()
@@ -257,10 +246,7 @@ class ShiftInvertSolver:
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
         """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.
 
-        Raises
-        ------
-        RunError
-            If a solve fails.
+        Raises `RunError` if a solve fails.
         """
         ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self.shift:.6g}"
         with petsc_solver(self._prefix, what):
@@ -280,10 +266,7 @@ class ShiftInvertSolver:
     def count_below(self, a: PETSc.Mat, b: PETSc.Mat, tau: float) -> int:
         """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``.
 
-        Raises
-        ------
-        RunError
-            If the factorisation fails.
+        Raises `RunError` if the factorisation fails.
         """
         self._count.factor(a, b, tau, f"count of the eigenvalues below {tau:.6g}")
         return self._count.negative_pivots()

@@ -96,6 +96,9 @@ class ShiftedFactor:
     def factor(self, a: PETSc.Mat, b: PETSc.Mat, shift: float, what: str) -> None:
         """Factorise ``A - sigma B``.
 
+        Raises `InputError` if files are needed and no folder can be made for them; `RunError` if the factorisation
+        fails.
+
         Parameters
         ----------
         a, b
@@ -104,13 +107,6 @@ class ShiftedFactor:
             sigma.
         what
             What it is for, in messages.
-
-        Raises
-        ------
-        InputError
-            If files are needed and no folder can be made for them.
-        RunError
-            If the factorisation fails.
         """
         from petsc4py import PETSc
 
@@ -132,13 +128,7 @@ class ShiftedFactor:
         check_factor(self._ksp, what, self._files)
 
     def apply_inverse(self, columns: np.ndarray, what: str) -> np.ndarray:
-        """Return ``(A - sigma B)^-1`` times local columns (n_local, k).
-
-        Raises
-        ------
-        RunError
-            If a solve fails.
-        """
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k). Raises `RunError` if a solve fails."""
         with petsc_solver(self._prefix, what):
             return apply_inverse(self._ksp, columns, what)
 
@@ -218,10 +208,7 @@ def use_cholesky(ksp: PETSc.KSP) -> None:
 def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) -> None:
     """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
 
-    Raises
-    ------
-    RunError
-        With MUMPS' own error and the size of the system.
+    Raises `RunError`, with MUMPS' own error and the size of the system.
     """
     pc = ksp.getPC()
     factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
@@ -237,10 +224,7 @@ def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) ->
 def apply_inverse(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
     """Return what a solver answers to local columns (n_local, k). Collective on the solver.
 
-    Raises
-    ------
-    RunError
-        If a solve fails, or its answer is not finite.
+    Raises `RunError` if a solve fails, or its answer is not finite.
     """
     if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
         # all columns at once: many times faster than one by one, above all on several ranks and with files

@@ -23,8 +23,7 @@ from pgmp_petsc.models.body_fields import placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
-from pgmp_petsc.results.modes import ModeShape
-from pgmp_petsc.results.trajectory import BodyField
+from pgmp_petsc.results.trajectory import BodyField, ModeShape
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import MOST_RADIANS
 

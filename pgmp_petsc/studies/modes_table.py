@@ -36,7 +36,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord

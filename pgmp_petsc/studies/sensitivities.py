@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.estimates.coverage import polynomials_of_lengths
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
-from pgmp_petsc.estimates.coverage import (
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
     few_steps,
     is_estimated,
@@ -24,7 +25,6 @@ from pgmp_petsc.estimates.coverage import (
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel

@@ -9,19 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.numbers import (
-    axis_unit,
-    share_text,
-)
-from pgmp_petsc.results.numbers import (
-    interval_text as _interval,
-)
-from pgmp_petsc.results.numbers import (
-    number_text as _number,
-)
-from pgmp_petsc.results.numbers import (
-    percent as _percent,
-)
+from pgmp_petsc.results.numbers import axis_unit, share_text
+from pgmp_petsc.results.numbers import interval_text as _interval
+from pgmp_petsc.results.numbers import number_text as _number
+from pgmp_petsc.results.numbers import percent as _percent
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 
 if TYPE_CHECKING:

@@ -1,7 +1,5 @@
 """The bench: models of candidates that stay or are built again, and times of runs too long to be timed whole."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Candidates in the order of their cost, what they are predicted to take, and the search for the first good enough."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

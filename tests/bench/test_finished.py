@@ -1,7 +1,5 @@
 """Results of finished tasks: kept by their description, taken up again, and refused for another run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,10 +20,8 @@ from pgmp_petsc.scene import Scene
 from scenes import meshes_of
 
 SHORT = (
-    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',
-    "simulation.duration=0.01",
-    "reduction.angles=8",
-)
+    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}', "simulation.duration=0.01", "reduction.angles=8",
+)  # fmt: skip
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 SWEEP = replace(LEAST, component_modes=(3,))
 
@@ -60,15 +56,6 @@ def test_another_run_is_refused(tmp_path: Path, other: str) -> None:
     kind = {"quick": True} if other == "kind" else {}
     with pytest.raises(InputError, match=f"belongs to another run: its {'scene' if other == 'scene' else 'quick'}"):
         finished(tmp_path, scene, True, **kind)
-
-
-def test_a_damaged_piece_is_done_again(tmp_path: Path) -> None:
-    scene = small_scene()
-    finished(tmp_path, scene, False).put("task", 1, {"x": np.zeros(1)})
-    (piece,) = tmp_path.glob("f.h5.partial/*.npz")
-    piece.write_bytes(piece.read_bytes()[:-20])
-    again = finished(tmp_path, scene, True)
-    assert again.get("task", 1) is None and "was not taken up, and is computed again" in str(again.remarks[0])
 
 
 def study(path: Path, scene: Scene, resume: bool) -> Tradeoff:

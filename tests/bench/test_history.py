@@ -1,7 +1,5 @@
 """Histories of both models, and errors between two: shares of the largest value, what failed, instants in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import full_model, reduced_model, samples

@@ -1,7 +1,5 @@
 """What errors are measured against: the mesh, or the component model where it is too dear; its price and distance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

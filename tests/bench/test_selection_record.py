@@ -1,7 +1,5 @@
 """What was chosen, in the file and in words; entries of the scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
-from pgmp_petsc.bench.errors import BASIS, INTERPOLATION, STEP, shares_of
+from pgmp_petsc.bench.history import BASIS, INTERPOLATION, STEP, shares_of
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml

@@ -1,7 +1,5 @@
 """The search for a step, on errors that are known: smooth ones, and vibrations that keep no phase."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -95,15 +93,6 @@ def test_the_search_begins_with_four_steps_a_period_and_may_take_one(duration: f
     assert coarsest == max(np.ceil(64.0 * duration), FEWEST)
     assert first % coarsest == 0 and 4 * 64.0 * duration <= first <= max(8 * 64.0 * duration, FEWEST)
     assert fine_enough(coarsest, first) == SEEN * first and fine_enough(4 * first, first) == AHEAD * 4 * first
-
-
-def test_half_the_step_would_tell_less_than_the_error() -> None:
-    """Why a run is compared with one that is eight times as fine: two that damp the vibration agree."""
-    halved = np.max(np.abs(vibrating(128) - vibrating(256)))
-    ahead = np.max(np.abs(vibrating(128) - vibrating(AHEAD * 128)))
-    true = np.max(np.abs(vibrating(128) - exact()))
-    assert halved < 0.8 * true
-    assert ahead > 0.9 * true
 
 
 def test_it_gives_up_where_no_step_is_small_enough() -> None:

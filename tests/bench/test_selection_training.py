@@ -1,7 +1,5 @@
 """Training cases: values at three standard deviations, bounds, corners; loads that differ from the scene's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

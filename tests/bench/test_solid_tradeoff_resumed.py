@@ -1,7 +1,5 @@
 """A trade-off study of bodies of cells, killed twice and resumed, leaves the file of one that nothing disturbs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Whole small studies: what is measured, what is recorded when it fails, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

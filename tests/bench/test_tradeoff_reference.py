@@ -1,7 +1,5 @@
 """The reference is halved until it moves by a tenth of the smallest error, or may go no further."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,18 +1,15 @@
 """Which settings are measured: lines and a tensor, each setting once; the best by closed examples; who does what."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from runs import PAPER_SCENE, paper_scene
 
-from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Setting, step_of
-from pgmp_petsc.bench.sweep import (
+from pgmp_petsc.bench.candidates import (
     FULL,
     QUICK,
+    Limits,
     Sweep,
     best_settings,
     columns_of,
@@ -20,6 +17,7 @@ from pgmp_petsc.bench.sweep import (
     own_setting,
     settings_around,
 )
+from pgmp_petsc.bench.cases import Setting, step_of
 from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml

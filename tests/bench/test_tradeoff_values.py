@@ -1,13 +1,11 @@
 """Test values and nodes: quantiles inside the bounds, apart from each other; response surfaces exact on polynomials."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats
 
+from pgmp_petsc.bench.candidates import ResponseSurface, node_counts
 from pgmp_petsc.bench.cases import box, held_out, node_values, quantiles
-from pgmp_petsc.bench.sweep import ResponseSurface, node_counts
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.spanning_values import uncertain_names
 from scenes import SLIDER_CRANK

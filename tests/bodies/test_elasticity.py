@@ -8,8 +8,8 @@ from solids import rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.mesh.cell_checks import jacobian_determinants
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
+from pgmp_petsc.mesh.solid_mesh_reading import jacobian_determinants
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 CURVED = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")

@@ -14,7 +14,7 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from runs import PGMP, overridden, pgmp
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.scene.template import write_template
+from pgmp_petsc.scene.loading import write_template
 
 # without extremes: fewer pictures on the page
 SHORT = overridden(

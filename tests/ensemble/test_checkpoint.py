@@ -1,7 +1,5 @@
 """The checkpoint of an ensemble: what is kept, what is refused."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

@@ -1,7 +1,5 @@
 """Columns of an ensemble in a file."""
 
-from __future__ import annotations
-
 import resource
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Correlated parameters, and what is refused of correlations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -15,13 +13,10 @@ from scenes import slider_crank
 
 PARAMETERS = (
     'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}',
-    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.2, scale=2.1e11}}',
-    'materials.steel.E="E"',
+    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.2, scale=2.1e11}}', 'materials.steel.E="E"',
     'parameters.rho={nominal=7800.0, distribution={name="uniform", loc=7000.0, scale=1600.0}}',
-    'materials.steel.rho="rho"',
-    "parameters.fixed={nominal=1.0}",
-    'effects.motor.scale="fixed"',
-)
+    'materials.steel.rho="rho"', "parameters.fixed={nominal=1.0}", 'effects.motor.scale="fixed"',
+)  # fmt: skip
 
 
 def scene(*overrides: str) -> Scene:

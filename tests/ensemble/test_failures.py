@@ -1,7 +1,5 @@
 """What is said of failed samples: how many, why, and which parameters tell them from the others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Confidence intervals: known numbers, and how often they hold the true figures of samples whose law is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

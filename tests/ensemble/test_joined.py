@@ -1,7 +1,5 @@
 """Figures of the best of several models: against closed forms, repetition by hand, and truths that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -255,7 +253,10 @@ def test_a_probability_is_the_likeliest_of_double_samples() -> None:
         of_best = np.where(cheap[:100], np.where(best, a, 1.0 - a), np.where(best, b, 1.0 - b))
         return np.sum(np.log(np.where(cheap, p, 1.0 - p))) + np.sum(np.log(of_best))
 
-    fine = {"xatol": 1e-8, "fatol": 1e-12}  # by values alone: differences leave 1e-5 of it, less or more by the processor
+    fine = {
+        "xatol": 1e-8,
+        "fatol": 1e-12,
+    }  # by values alone: differences leave 1e-5 of it, less or more by the processor
     found = minimize(lambda x: -log_likelihood(x), np.zeros(3), method="Nelder-Mead", options=fine)
     p, a, b = 1.0 / (1.0 + np.exp(-found.x))
     assert joined.probability_of([best, cheap], LEVEL)[0] == pytest.approx(a * p + b * (1.0 - p), rel=1e-5)

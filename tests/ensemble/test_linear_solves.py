@@ -1,7 +1,5 @@
 """A linear solve of the distributed model that fails is a record of its sample, and the sample is tried again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

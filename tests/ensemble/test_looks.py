@@ -1,7 +1,5 @@
 """Looks at ensembles that go on: the schedule, the level of intervals, the budget, and how often stops hold."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -38,7 +36,7 @@ class Made(Mapping[str, np.ndarray]):
     def __init__(self, values: np.ndarray) -> None:
         self._columns = {"status": np.zeros(values.size), "outputs.crank_angle": values}
 
-    def columns(self) -> Made:
+    def columns(self) -> "Made":
         return self
 
     def of(self, kind: str) -> dict[str, np.ndarray]:

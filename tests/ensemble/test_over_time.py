@@ -1,7 +1,5 @@
 """Outputs of samples over time: extremes, first passages, and the instants of bands, against motions that are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

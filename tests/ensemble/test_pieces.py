@@ -1,7 +1,5 @@
 """The pieces of an ensemble: every sample once, large ones first, enough of them for all ranks."""
 
-from __future__ import annotations
-
 import pytest
 from runs import paper_scene, reduced_model
 

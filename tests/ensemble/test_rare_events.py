@@ -1,7 +1,5 @@
 """Rare events of limit states whose probability is known, and what is said where it is not found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

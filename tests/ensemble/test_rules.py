@@ -1,7 +1,5 @@
 """Rules of --until: what they mean, and where they are wrong."""
 
-from __future__ import annotations
-
 import pytest
 from runs import paper_scene
 

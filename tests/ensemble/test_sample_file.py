@@ -1,7 +1,5 @@
 """Samples from a file: what is read, and what is refused with its line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py
@@ -22,10 +20,8 @@ RADII = [5e-3, 5.5e-3, 6e-3]
 def scene() -> Scene:
     return slider_crank(
         'parameters.r1={nominal=5.6e-3, bounds=[1e-3, 12e-3], distribution={name="norm", loc=5.6e-3, scale=1e-3}}',
-        'parameters.r1.unit="m"',
-        "parameters.rho={nominal=7800.0}",
-        'materials.steel.rho="rho"',
-    )
+        'parameters.r1.unit="m"', "parameters.rho={nominal=7800.0}", 'materials.steel.rho="rho"',
+    )  # fmt: skip
 
 
 def csv(folder: Path, text: str) -> Path:

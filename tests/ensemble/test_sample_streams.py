@@ -1,7 +1,5 @@
 """Streams side by side are numpy's own, one after the other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Random parameter values: keyed by the sample's number, distributed as asked for, checked against their bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sobol indices against Ishigami's function, whose indices are known, and against SALib's own analysis."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from SALib.analyze import sobol

@@ -1,7 +1,5 @@
 """Statistics of samples against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

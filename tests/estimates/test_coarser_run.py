@@ -1,7 +1,5 @@
 """The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +18,7 @@ from pgmp_petsc.estimates.coarser_run import (
     amplification,
     step_errors,
 )
-from pgmp_petsc.estimates.coverage import step_remarks, too_few_steps
+from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import load_scene

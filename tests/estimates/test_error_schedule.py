@@ -1,7 +1,5 @@
 """Loads at the instants at which errors are evaluated."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import paper_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from pgmp_petsc.estimates.coverage import large_errors, not_estimated
+from pgmp_petsc.estimates.own_error import large_errors, not_estimated
 from pgmp_petsc.results import EstimatedErrors, Trajectory
 from pgmp_petsc.texts.models import of_trajectory
 from scenes import slider_crank

@@ -1,7 +1,5 @@
 """When errors are evaluated: strides that have nothing in common, and how far two estimates are apart."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

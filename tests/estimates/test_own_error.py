@@ -1,7 +1,5 @@
 """What a model's own error does to figures, in words."""
 
-from __future__ import annotations
-
 import numpy as np
 from runs import reduced_model
 

@@ -1,7 +1,5 @@
 """How far a run leaves small deformations: rotations, strains, changes of stiffness, their limits and what is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -12,7 +10,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble
 from pgmp_petsc.bodies.sections.given import Coefficients
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
-from pgmp_petsc.estimates.coverage import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
+from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
 from pgmp_petsc.estimates.validity import BodyStrains, half_height, remarks_of
 from pgmp_petsc.estimates.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel

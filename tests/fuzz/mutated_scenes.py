@@ -5,8 +5,6 @@
 The cases of a seed are always the same: ``--first N`` with a count of 1 does one of them again.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import math

@@ -5,8 +5,6 @@ assembles, turns without a dead centre where it is to turn, and its loads move i
 Whether its deformations are small is left to chance.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Arguments of the Python interface drawn at random: each is taken, or refused with an error that says why."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 runs them outside of the suite.
 """
 
-from __future__ import annotations
-
 import os
 
 from mutated_scenes import run

@@ -1,7 +1,5 @@
 """Property: a reduced model is within its estimate of the full-order model, or says that it may not be."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Residual and exact derivatives of the reduced equations against the engine's residual and differences of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import reduced_model
@@ -149,10 +147,7 @@ def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
 
 
 def test_a_correction_takes_the_rest_of_the_iteration_away() -> None:
-    """Beside a state that balances, a linearisation at the end of a step is that at the balance.
-
-    What is left is what tables change over the correction, which is not followed: a share of the size of deformations.
-    """
+    """Beside a state that balances, a linearisation at the end of a step is that at the balance."""
     model = reduced_model(SCENES["first order"])
     times, states = somewhere(model)
     times = np.full(N_TIMES, times[1])

@@ -1,7 +1,5 @@
 """Scenes, meshes and figures that the hard cases share. The table of the cases is docs/hard_cases.md."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 
@@ -35,13 +33,9 @@ Outputs = dict[str, np.ndarray]
 def accurate(*overrides: str, angles: int = 96) -> Scene:
     """Return the slider-crank with 7 modes and a static one, splines, and outputs angle, bent and slider."""
     return slider_crank(
-        "reduction.modes=7",
-        "reduction.static_modes=true",
-        f"reduction.angles={angles}",
-        'reduction.interpolation="spline"',
-        *OUTPUTS,
-        *overrides,
-    )
+        "reduction.modes=7", "reduction.static_modes=true", f"reduction.angles={angles}",
+        'reduction.interpolation="spline"', *OUTPUTS, *overrides,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=1)
@@ -99,17 +93,10 @@ def flywheel(length: float, differ: float = 0.0, n_cells: int = 4, n_arm: int = 
 def with_flywheel(*overrides: str) -> Scene:
     """Return the slider-crank, loaded by gravity and the motor, for a crank with blades; 9 modes hold two pairs."""
     return slider_crank(
-        "bodies.rod.section.radius=8e-3",
-        GRAVITY,
-        "reduction.modes=9",
-        "reduction.angles=48",
-        'reduction.interpolation="spline"',
-        *OUTPUTS,
-        'outputs.blade={type="rotation", point="crank:blade"}',
-        "simulation.duration=0.3",
-        *start(0.0, 8.0),
-        *overrides,
-    )
+        "bodies.rod.section.radius=8e-3", GRAVITY, "reduction.modes=9", "reduction.angles=48",
+        'reduction.interpolation="spline"', *OUTPUTS, 'outputs.blade={type="rotation", point="crank:blade"}',
+        "simulation.duration=0.3", *start(0.0, 8.0), *overrides,
+    )  # fmt: skip
 
 
 def flywheel_meshes(scene: Scene, length: float = 0.25, differ: float = 0.0) -> dict[str, LineMesh]:

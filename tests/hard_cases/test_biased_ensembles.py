@@ -1,7 +1,5 @@
 """An ensemble whose reduced model breaks down in some samples: it ends, warns, and says what its figures are worth."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -102,18 +100,6 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
         # A process that compiles runs other machine code than one that loads what was compiled: their last bits differ,
         # which the steps amplify.
         np.testing.assert_allclose(ensemble.outputs[name][untouched], values, rtol=1e-9, atol=1e-12, err_msg=name)
-
-
-def test_batches_have_no_part_in_it(command: tuple, rom: Path) -> None:
-    _, _, ensemble = command
-    scene, model = _reduced(rom)
-    for first, last in ((0, 5), (5, 16)):
-        part = run_batch(model, draw(scene, SEED, first, last), first)
-        np.testing.assert_array_equal(part.status, ensemble.status[first:last])
-        np.testing.assert_array_equal(part.numerics["steps_divided"], ensemble.steps_divided[first:last])
-        for name, values in part.outputs.items():
-            # the rigid closure of a whole batch stops at 1e-12
-            np.testing.assert_allclose(values, ensemble.outputs[name][first:last], rtol=1e-9, atol=1e-12, err_msg=name)
 
 
 def _reduced(rom: Path) -> tuple:

@@ -1,7 +1,5 @@
 """Equal, nearly equal, crossing and veering frequencies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

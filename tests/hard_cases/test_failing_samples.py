@@ -1,7 +1,5 @@
 """A sample that fails in the middle of a batch: the others must not change by a bit."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from types import SimpleNamespace
 

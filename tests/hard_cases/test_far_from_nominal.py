@@ -1,7 +1,5 @@
 """Bodies a hundred times softer, and parameters three and six standard deviations from the nominal ones."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

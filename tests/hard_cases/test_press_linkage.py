@@ -4,8 +4,6 @@ bodies follow their shortening at once, and it stops where they do not.
 Both say so, with what to do, where the run is made, in its file and in `pgmp info`.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Joints that say again what others say: how many constraints are dropped, and that the motion stays the same."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -93,15 +91,11 @@ def trammel_rom() -> ReducedOrderModel:
 def loaded_trammel(torque: float) -> Scene:
     """Return a rod with its ends on two lines and its middle on a crank, under a torque that rises over 0.3 s."""
     return trammel(
-        "reduction.modes=8",
-        "reduction.static_modes=true",
-        "reduction.angles=48",
-        'reduction.interpolation="spline"',
+        "reduction.modes=8", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
         f'effects.motor={{type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.3, {torque}]]}}',
-        'outputs.angle={type="angle", joint="crank_hinge"}',
-        *run_for(0.4, 1e-3),
+        'outputs.angle={type="angle", joint="crank_hinge"}', *run_for(0.4, 1e-3),
         'outputs.bent={type="deformation", point="rod:tip", axis="y"}',
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("torque", [2.0, 0.02])

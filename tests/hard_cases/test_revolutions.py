@@ -1,7 +1,5 @@
 """A thousand revolutions of the reduced slider-crank, left to itself and driven, and a hundred of other mechanisms."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from functools import lru_cache

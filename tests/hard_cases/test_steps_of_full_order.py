@@ -5,8 +5,6 @@ sudden start. `h16_beyond_range`: a run that leaves the range of a deformation, 
 reference does no step.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

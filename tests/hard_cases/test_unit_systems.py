@@ -1,7 +1,5 @@
 """The same mechanism in metres, kilograms and newtons, and in millimetres, tonnes, newtons and megapascals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, accurate, both, modal_problem, run_for, start
@@ -23,15 +21,11 @@ def in_metres() -> dict[str, Scene]:
 
 def turning(*overrides: str) -> Scene:
     return quick_return(
-        "reduction.modes=6",
-        "reduction.static_modes=true",
-        "reduction.angles=48",
-        'reduction.interpolation="spline"',
-        'outputs.angle={type="angle", joint="crank_hinge"}',
-        *overrides,
+        "reduction.modes=6", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
+        'outputs.angle={type="angle", joint="crank_hinge"}', *overrides,
         'outputs.bent={type="deformation", point="rocker:tip", axis="x"}',
         'outputs.slider={type="position", point="rocker:tip", axis="x"}',
-    )
+    )  # fmt: skip
 
 
 def in_millimetres() -> dict[str, Scene]:
@@ -48,17 +42,11 @@ def in_millimetres() -> dict[str, Scene]:
         angles=48,
     )
     rocker = turning(
-        *MATERIAL,
-        HEAVY,
-        *MOVING,
-        "parameters.r1.nominal=5.6",
-        "bodies.rocker.section.radius=4.0",
-        'bodies.crank.mesh="0.0:200.0:3"',
-        'bodies.rocker.mesh="0.0:800.0:4"',
-        "ground.points.pivot=[0.0, -400.0]",
+        *MATERIAL, HEAVY, *MOVING, "parameters.r1.nominal=5.6", "bodies.rocker.section.radius=4.0",
+        'bodies.crank.mesh="0.0:200.0:3"', 'bodies.rocker.mesh="0.0:800.0:4"', "ground.points.pivot=[0.0, -400.0]",
         "bodies.rocker.placement.origin=[0.0, -400.0]",
         "effects.motor.table=[[0.0, 0.0], [0.05, 2000.0], [1.0, 2000.0]]",
-    )
+    )  # fmt: skip
     return {"slider_crank": crank, "quick_return": rocker}
 
 

@@ -1,7 +1,5 @@
 """The benchmark of integrators: the prototype on oscillators whose motion is known, its orders, and the reference."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import paper_scene, rom_of

@@ -1,7 +1,5 @@
 """Run one case of agreement between ranks and print what each saw. Used by test_runtime_agreement.py."""
 
-from __future__ import annotations
-
 import sys
 
 from mpi4py import MPI

@@ -4,8 +4,6 @@ Arguments: the directory of the results, then cases ``name:ranks_per_group:scram
 its scene from `CASES`. An error is printed by every rank in place of a file.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -40,15 +38,11 @@ UNCERTAIN_BAR = (
     'bodies.coupler.section={shape="circle", radius="r"}',
 )
 PART = (
-    "coordinates.theta.range=[0.2,1.4]",
-    "coordinates.theta.periodic=false",
-    "simulation.initial.theta.position=0.2",
-)
+    "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.2",
+)  # fmt: skip
 LIMITED = (
-    "coordinates.theta1.range=[0.2,1.4]",
-    "coordinates.theta1.periodic=false",
-    "simulation.initial.theta1.position=0.2",
-)
+    "coordinates.theta1.range=[0.2,1.4]", "coordinates.theta1.periodic=false", "simulation.initial.theta1.position=0.2",
+)  # fmt: skip
 CASES = {
     "plain": lambda: slider_crank(FEW),
     "weight": lambda: slider_crank(GRAVITY, "reduction.angles=8", "reduction.modes=3"),
@@ -61,9 +55,7 @@ CASES = {
     "curved_turning": lambda: quick_return(STATIC, SECOND, FEW, "reduction.modes=3"),
     "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
     "adaptive": lambda: slider_crank(
-        'reduction.interpolation="spline"',
-        "reduction.sampling_tolerance=0.3",
-        "reduction.angles=6",
+        'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6",
         "reduction.modes=3",
     ),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, FINE),
@@ -76,7 +68,7 @@ CASES = {
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),
-}
+}  # fmt: skip
 
 
 def scrambled(seed: int, modes: ModeSet) -> ModeSet:

@@ -1,7 +1,5 @@
 """``pgmp`` with commands that end in every possible way. Used by test_cli_frame.py."""
 
-from __future__ import annotations
-
 import sys
 import time
 from os import PathLike

@@ -3,8 +3,6 @@
 Handles are given anew once they are free, so that one that is never freed shows in the next.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 from runs import full_model, paper_scene
 

@@ -3,8 +3,6 @@
 Arguments: the directory of the results, then the kinds of cells.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

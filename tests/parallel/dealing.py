@@ -1,7 +1,5 @@
 """Deal out pieces in one case and print what each rank did and saw. Used by test_dealing.py."""
 
-from __future__ import annotations
-
 import sys
 import time
 

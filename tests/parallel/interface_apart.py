@@ -1,7 +1,5 @@
 """A program whose first rank calls the Python interface by itself; the other does so later, or never."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Leave a stepper written in Python to a cycle of references, and end as a command does or at once: ``closed|open``."""
 
-from __future__ import annotations
-
 import sys
 
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """The Python interface on all ranks, as a user's script has it; every rank prints what it holds, after the first."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

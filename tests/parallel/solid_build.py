@@ -3,8 +3,6 @@
 Arguments as those of `build`, with the scenes of `CASES` here.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -14,11 +12,8 @@ from spatial import bars_of, slider_crank_in_space
 from pgmp_petsc.scene import Scene
 
 SMALL = (
-    "reduction.modes=3",
-    "reduction.static_modes=true",
-    "reduction.inertia_modes=true",
-    "reduction.second_order=true",
-)
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.second_order=true",
+)  # fmt: skip
 # the kinematics of a part of a revolution, which every rank follows, takes less time than that of a whole one
 PART = ("coordinates.theta.range=[0.0,0.8]", "coordinates.theta.periodic=false", "reduction.angles=5")
 
@@ -38,10 +33,8 @@ def plane() -> Scene:
 def space() -> Scene:
     """Return the slider-crank in space, with weight in all directions and a modulus that is a parameter."""
     modulus = (
-        "parameters.E1.nominal=210e9",
-        'materials.soft={E="E1",nu=0.3,rho=7800.0}',
-        'bodies.crank.material="soft"',
-    )
+        "parameters.E1.nominal=210e9", 'materials.soft={E="E1",nu=0.3,rho=7800.0}', 'bodies.crank.material="soft"',
+    )  # fmt: skip
     return slider_crank_in_space(*modulus, 'effects.weight={type="gravity",direction=[0.3,-1.0,0.6]}', *PART, *SMALL)
 
 

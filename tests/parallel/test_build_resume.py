@@ -1,7 +1,5 @@
 """A build that is killed at any moment and resumed, with another number of ranks too, gives the same file."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -48,13 +46,9 @@ main()
 SCENES = {
     "beams": ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=16"),
     "solids": (
-        "scenes/slider_crank_solid3d.toml",
-        "--override",
-        "reduction.angles=12",
-        "--override",
-        "reduction.modes=4",
+        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",
     ),
-}
+}  # fmt: skip
 
 
 def slowly(seconds: float = 0.0, held: int = 10**6) -> str:

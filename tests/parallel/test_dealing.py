@@ -1,7 +1,5 @@
 """Pieces are worked off once each, whoever does it, and a failure is one of all ranks."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ensembles on any number of ranks, killed and resumed, and with samples that fail."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -140,24 +138,6 @@ def test_the_share_of_checked_samples(folder: Path, rom: Path, expected: Ensembl
         np.testing.assert_array_equal(values, expected.validity[name][:3])
 
 
-def test_more_ranks_than_batches(mpirun: Callable, folder: Path, rom: Path, expected: Ensemble) -> None:
-    path = folder / "few.h5"
-    mpirun(3, *PGMP, "montecarlo", rom, "-n", 3, "--seed", SEED, *BATCHES, "-o", path)
-    found = Ensemble.read(path)
-    for name, values in expected.outputs.items():
-        np.testing.assert_allclose(found.outputs[name], values[:3], rtol=1e-9, atol=1e-12)
-
-
-def test_full_order_samples_do_not_depend_on_ranks(mpirun: Callable, folder: Path) -> None:
-    arguments = ("montecarlo", PAPER_SCENE, "--full", "-n", 5, "--seed", SEED, *overridden(*SMALL, "ensemble.batch=2"))
-    found = []
-    for n_ranks in (1, 2):
-        path = folder / f"full_{n_ranks}.h5"
-        mpirun(n_ranks, *PGMP, *arguments, "-o", path)
-        found.append(Ensemble.read(path))
-    assert_equal(found[1], found[0])
-
-
 def test_a_killed_run_is_resumed_on_other_ranks(
     mpirun: Callable, folder: Path, rom: Path, uninterrupted: Ensemble
 ) -> None:
@@ -215,21 +195,8 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
     """A distribution ten times too wide, without bounds, gives negative radii; others are as they would be alone."""
     path = folder / f"wide_{n_ranks}.h5"
     wide = 'parameters.r1={nominal=5.6e-3, unit="m", distribution={name="norm", loc=5.6e-3, scale=5.6e-3}}'
-    done = mpirun(
-        n_ranks,
-        *PGMP,
-        "montecarlo",
-        rom,
-        "-n",
-        N,
-        "--seed",
-        SEED,
-        *BATCHES,
-        *overridden(wide),
-        "-o",
-        path,
-        check_status=1,
-    )
+    words = ("montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, *overridden(wide), "-o", path)
+    done = mpirun(n_ranks, *PGMP, *words, check_status=1)
     found = Ensemble.read(path)
     values = found.parameters["r1"]
     outside = values <= 0.0
@@ -244,28 +211,6 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
     assert "may be biased: no parameter alone tells" in done.stdout  # one of 22 tells nothing
     assert "Traceback" not in done.stderr
     assert not path.with_name(f"{path.name}.partial").exists()
-
-
-def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
-    """A torque of up to 1e12 Nm; those samples that survive are as they are among their like."""
-    push = (
-        *SMALL,
-        'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=1e12}}',
-        'effects.motor.scale="push"',
-    )
-    scene = paper_scene(*push)
-    path, rom = folder / "pushed.h5", folder / "pushed_rom.h5"
-    rom_of(scene).write(rom)
-    pgmp("montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, "-o", path, status=1)
-    found = Ensemble.read(path)
-    failed = found.status != Status.FINE
-    assert 0 < failed.sum() < N
-    assert set(found.status) <= {Status.FINE, Status.NOT_CONVERGED, Status.BROKE_DOWN}
-    assert np.all((found.failure_time[failed] > 0) & (found.failure_time[failed] <= 0.05))
-    assert np.isnan(found.failure_time[~failed]).all()
-    np.testing.assert_array_equal(np.isnan(found.outputs["crank_angle"]), failed)
-    assert found.parameters["push"][~failed].min() < found.parameters["push"][failed].min()
-    assert found.meanings[2].startswith("Newton's iteration did not converge")
 
 
 def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: Path) -> None:

@@ -1,7 +1,5 @@
 """Films on several ranks: one of them draws, and the film is the same; bad input ends all of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

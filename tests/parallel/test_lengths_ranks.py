@@ -1,7 +1,5 @@
 """Lengths as parameters: built and drawn by two ranks as by one, and refused without a hang."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ The commands of a group run one after the other in one start of MPI. That this p
 that had no work must not leave the others waiting at the end of PETSc. ``PGMP_RANKS=7`` takes another number of ranks.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -94,30 +92,22 @@ def close(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-7 * np.abs(values).max(), err_msg=name)
 
 
-@pytest.mark.parametrize("n", [MANY])
-@pytest.mark.parametrize("name", ["modes.h5", "solid_modes.h5"])
-def test_frequencies_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
-    one, several = (ModesTable.read(folder(ranks) / name).full_hz for ranks in (1, n))
-    np.testing.assert_allclose(several, one, rtol=1e-8)
+FILES = {
+    ModesTable: ["modes", "solid_modes"],
+    ReducedOrderModel: ["rom", "pairs", "solid_rom"],
+    Trajectory: ["reduced", "settled", "full", "solid_full"],
+    Ensemble: ["one", "three", "full_samples"],
+}
 
 
 @pytest.mark.parametrize("n", [MANY])
-@pytest.mark.parametrize("name", ["rom.h5", "pairs.h5", "solid_rom.h5"])
-def test_models_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
-    one, several = (ReducedOrderModel.read(folder(ranks) / name).frequencies_hz for ranks in (1, n))
-    np.testing.assert_allclose(several, one, rtol=1e-8)
-
-
-@pytest.mark.parametrize("n", [MANY])
-@pytest.mark.parametrize("name", ["reduced.h5", "settled.h5", "full.h5", "solid_full.h5"])
-def test_runs_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
-    close(Trajectory.read(folder(n) / name).outputs, Trajectory.read(folder(1) / name).outputs)
-
-
-@pytest.mark.parametrize("n", [MANY])
-@pytest.mark.parametrize("name", ["one.h5", "three.h5", "full_samples.h5"])
-def test_samples_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
-    close(Ensemble.read(folder(n) / name).outputs, Ensemble.read(folder(1) / name).outputs)
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in FILES.items() for name in names])
+def test_results_are_those_of_one_rank(folder: Callable, n: int, kind: type, name: str) -> None:
+    one, several = (kind.read(folder(ranks) / f"{name}.h5") for ranks in (1, n))
+    if kind in (Trajectory, Ensemble):
+        return close(several.outputs, one.outputs)
+    frequencies = "full_hz" if kind is ModesTable else "frequencies_hz"
+    np.testing.assert_allclose(getattr(several, frequencies), getattr(one, frequencies), rtol=1e-8)
 
 
 @pytest.mark.parametrize("n", [MANY])

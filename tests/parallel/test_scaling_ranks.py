@@ -1,7 +1,5 @@
 """The scaling study on two ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

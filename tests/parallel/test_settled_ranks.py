@@ -1,7 +1,5 @@
 """Runs and samples that start from static equilibrium: the same on any number of ranks."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Solid bodies: condensing them and building from them is the same for any number of ranks and groups."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

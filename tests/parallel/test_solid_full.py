@@ -1,7 +1,5 @@
 """Full-order runs of continuum bodies in space on several ranks: the same motion and the same energies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,11 +12,9 @@ from pgmp_petsc.results import Ensemble, Trajectory
 SCENE = ROOT / "scenes" / "slider_crank_solid3d.toml"
 # few steps, with a torque that sets in at once
 FEW = (
-    "simulation.duration=0.004",
-    "simulation.step=1e-3",
-    "effects.motor.table=[[0.0, 0.0], [0.004, 5.0], [1.0, 5.0]]",
+    "simulation.duration=0.004", "simulation.step=1e-3", "effects.motor.table=[[0.0, 0.0], [0.004, 5.0], [1.0, 5.0]]",
     'outputs.worst={type="stress", body="crank", quantity="von_mises"}',
-)
+)  # fmt: skip
 
 
 def test_ranks_share_a_run(mpirun: Callable, tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Beams in space on several ranks: the same full-order runs, models and samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +9,7 @@ from conftest import ROOT
 from runs import PGMP, overridden
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.results import Trajectory
 
 SCENE = ROOT / "scenes" / "rssr_beams.toml"
 SHORT = ("simulation.duration=0.02", "simulation.step=1e-3")
@@ -57,20 +55,3 @@ def test_models_do_not_depend_on_ranks(
     for name in ("mass", "stiffness"):
         found, wanted = (getattr(tables, name) for tables in (rom.tables, expected.tables))
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
-
-
-def test_samples_are_dealt_out(one_rank: Callable, mpirun: Callable, tmp_path: Path) -> None:
-    words = ("montecarlo", SCENE, "--full", "-n", 2, "--seed", 3, *overridden("simulation.duration=0.005"))
-    one, path = Ensemble.read(one_rank("many", *words)), tmp_path / "many.h5"
-    mpirun(2, *PGMP, *words, "-o", path)
-    two = Ensemble.read(path)
-    assert not one.status.any() and one.outputs["coupler_bending"][0] != one.outputs["coupler_bending"][1]
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(two.outputs[name], values)
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_bad_input_ends_with_status_2_on_all_ranks(mpirun: Callable, n: int) -> None:
-    wrong = overridden("bodies.crank.orientation=[1.0, 0.0, 0.0]")
-    done = mpirun(n, *PGMP, "check", SCENE, *wrong, check_status=2)
-    assert "bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0" in done.stderr

@@ -1,7 +1,5 @@
 """Vibrations on springs between nodes that different ranks hold: the same frequencies and remarks on any ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every scene that comes with the program, every command: what a new user meets, in small (`sweep` has it whole)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

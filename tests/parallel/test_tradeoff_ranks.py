@@ -1,7 +1,5 @@
 """The trade-off study on one rank and on several: the same settings, references and errors."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -3,8 +3,6 @@
 tradeoff.py tiny|least [OVERRIDE ...]
 """
 
-from __future__ import annotations
-
 import json
 import sys
 

@@ -21,8 +21,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_build
 from pgmp_petsc.reduction.length_family import LengthCheck
-from pgmp_petsc.reduction.length_grid import LengthGrid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.reduction.served_range import check_served, refuse_beyond, served_ranges
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.vectors import LANES

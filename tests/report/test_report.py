@@ -19,8 +19,7 @@ import synthetic
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble
 from pgmp_petsc.report.charts import Level, distribution
-from pgmp_petsc.report.page import write_report
-from pgmp_petsc.report.section import downloads_of
+from pgmp_petsc.report.page import downloads_of, write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.estimates import EstimatedErrors
@@ -253,7 +252,7 @@ def test_data_are_handed_out_with_all_digits(folder: Path, tree: Element) -> Non
 
 
 def test_tables_that_are_cut_say_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pgmp_petsc.report.section.MOST_NUMBERS", 400)
+    monkeypatch.setattr("pgmp_petsc.report.page.MOST_NUMBERS", 400)
     [[source]], _ = read_sources([folder / "run.h5"])
     table = downloads_of(source)[0]
     assert table.about == "outputs over time, the first 100 of 1001 rows: the file has all"

@@ -21,8 +21,7 @@ from pgmp_petsc.figures.motion import coarsened, outer_faces, triangles
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.report import film as module_of_films
 from pgmp_petsc.report.film import SHADES, SIZE, Film, film_of
-from pgmp_petsc.report.page import write_report
-from pgmp_petsc.report.section import film_words
+from pgmp_petsc.report.page import film_words, write_report
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField

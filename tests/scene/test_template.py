@@ -12,7 +12,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene.template import template_names, write_template
+from pgmp_petsc.scene.loading import template_names, write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_reduced

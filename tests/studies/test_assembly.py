@@ -1,7 +1,5 @@
 """The picture of an assembled mechanism: everything has its name, and no name hides another."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

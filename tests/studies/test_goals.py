@@ -1,7 +1,5 @@
 """Goals and constraints as users write them: values, derivatives, and errors with their position."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

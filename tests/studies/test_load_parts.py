@@ -1,7 +1,5 @@
 """Loads whose values over time name parameters, as several loads with a scale each."""
 
-from __future__ import annotations
-
 import pytest
 
 from pgmp_petsc.effects.time_function import amplitude_of

@@ -1,7 +1,5 @@
 """Measured histories: what is read, and what is refused with its line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

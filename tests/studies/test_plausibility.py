@@ -1,7 +1,5 @@
 """Nonsense: entries that cannot be meant are refused, entries that probably are not get a warning; each by its name."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -323,10 +321,7 @@ def test_strange_materials_in_no_units_are_named_as_before() -> None:
 
 
 def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> None:
-    """A blade that is held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far more so.
-
-    The clamped one has 3.516 sqrt(EI / (rho A L^4)), and with a mass m at its tip sqrt(3 EI / (L^3 (m + 0.2427 m_b))).
-    """
+    """A blade that is held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far more so."""
     radius, length, step = 5e-3, 0.5, 0.05
     rod = (
         f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '

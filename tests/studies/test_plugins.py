@@ -1,7 +1,5 @@
 """Effects in files of users: taken, refused, and named in result files; the one of docs/extending.md in every model."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -80,10 +78,7 @@ MODELS: dict[str, Callable[[Scene], Trajectory]] = {
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
-    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most.
-
-    The output of another plugin is the place that the program's own output is.
-    """
+    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most."""
     (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
     for path in (line_spring, of_output):
         pgmp.use(path)

@@ -1,7 +1,5 @@
 """The scaling study: what it measures on small meshes, its records, tables and pictures, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

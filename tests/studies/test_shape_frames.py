@@ -1,7 +1,5 @@
 """Frames of the whole mechanism: beams by their nodes, rigid bodies by the nodes of their shape."""
 
-from __future__ import annotations
-
 import numpy as np
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 

@@ -1,7 +1,5 @@
 """Bodies from matrices against the meshes that these were assembled from: modes, mechanisms, motion, mass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Beams against closed forms, with observed order: deflection, roll-up to a circle, bending modes of a hinged beam."""
 
-from __future__ import annotations
-
 import compiled_elements
 import numpy as np
 import pytest

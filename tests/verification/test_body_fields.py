@@ -1,7 +1,5 @@
 """Bodies over a run's frames: a cantilever in pure bending, read back from XDMF; modes; bodies of every kind."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace

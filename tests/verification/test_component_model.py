@@ -1,7 +1,5 @@
 """The component model against the full-order model, its own energies, and what floating frames promise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

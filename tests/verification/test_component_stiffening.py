@@ -1,7 +1,5 @@
 """Component modes that follow their foreshortening: beams stiffened by their spin, against theory and mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +14,6 @@ from cantilevers import (
     WIDTH,
     bar_mesh,
     cantilever,
-    ends,
     plate_mesh,
 )
 from conftest import ROOT
@@ -24,7 +21,6 @@ from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 from runs import history, samples
 from solid_scenes import solid_meshes, solid_slider_crank
-from solids import rectangle_mesh
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 
@@ -203,13 +199,3 @@ def test_stretching_with_its_inertia_is_refused() -> None:
     )
     with pytest.raises(InputError, match=message):
         check_capabilities(scene, Purpose.COMPONENTS)
-
-
-def test_a_body_without_a_long_axis_is_refused() -> None:
-    scene = cantilever(PLATE, STIFFENING)
-    message = (
-        'effects.stiffening.stretching = "static": bodies.beam is only 2 times as long as wide, and its stretching is '
-        "not told from its bending below 3; leave geometric_stiffening out, or take pgmp simulate --full"
-    )
-    with pytest.raises(InputError, match=message):
-        component_model(scene, {"beam": ends(rectangle_mesh("quad8", (3, 2), (1.0, 0.5)))}, MPI.COMM_SELF)

@@ -1,11 +1,8 @@
 """A slider-crank of plane continuum bodies: condensed against its meshes, against beams, reduced against full-order."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,12 +51,6 @@ def problem_of(scene: Scene, shapes: Mapping[str, BodyShape], n_modes: int = N_M
 def frequencies(small: bool) -> np.ndarray:
     with problem_of(*scene_and_shapes(small)) as problem:
         return np.array([problem.solve(theta).frequencies_hz for theta in ANGLES])
-
-
-def test_condensed_bodies_are_small() -> None:
-    for component, mesh in zip(*(scene_and_shapes(small)[1].values() for small in (True, False))):
-        assert component.n < 0.35 * component.n_mesh_dofs
-        assert component.n_mesh_dofs == mesh.nodes.size
 
 
 def test_frequencies_of_the_condensed_mechanism_are_those_of_the_meshes() -> None:
@@ -222,60 +213,6 @@ def test_the_energy_of_the_full_order_model_is_balanced_with_second_order() -> N
     assert wrong[1] < 5e-5
     # what damping took is a thousand times as much as what is left
     assert -runs[1].work["friction"][-1] > 1e3 * wrong[1] * runs[1].exchanged
-
-
-# models on all ranks and on the first one alone; it prints how far they are apart, as shares of the maximum
-ON_RANKS = """
-import numpy as np
-from mpi4py import MPI
-from solid_scenes import solid_meshes, solid_slider_crank
-from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.models import FullModel
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
-from test_condensed_mechanism import DAMPING, GRAVITY, MOVING
-world = MPI.COMM_WORLD
-scene = solid_slider_crank(GRAVITY, DAMPING, *MOVING, "reduction.angles=6", "simulation.duration=0.01")
-meshes = solid_meshes("quad8", 10)
-model = FullModel(scene, meshes)
-
-def final(comm):
-    with model.distributed(scene.values, comm) as system:
-        state = integrate(system, scene.simulation).state
-        now = system.energies(0.01, state)
-        return {
-            "q": system.unpack(state.q), "v": system.unpack(state.v), "multipliers": system.multipliers(state),
-            **{name: getattr(now, name) for name in ("kinetic", "strain")}, **now.powers, **now.potential,
-        }
-
-def reduced(group):
-    rom = build_rom(scene, meshes, group)
-    # vectors have no sign of their own
-    return {} if rom is None else {"frequencies": rom.frequencies_hz, "loads": np.abs(rom.tables.load)}
-
-found = final(world)
-roms = [reduced(RankGroup.split(world, n)) for n in (1, world.size)]
-if world.rank == 0:
-    alone, rom = final(MPI.COMM_SELF), reduced(RankGroup.split(MPI.COMM_SELF, 1))
-    pairs = [(name, found[name], alone[name]) for name in alone]
-    pairs += [(name, one[name], rom[name]) for one in roms for name in rom]
-    for name, one, other in pairs:
-        print(name, np.abs(one - other).max() / np.abs(other).max())
-"""
-
-
-@pytest.mark.parametrize("n_ranks", [3])
-def test_several_ranks_find_what_one_finds(mpirun: Callable, n_ranks: int) -> None:
-    """Some of them have no element of the first body, others none of the second."""
-    folder = Path(__file__).parent
-    script = f"import sys; sys.path.insert(0, {str(folder)!r})\n{ON_RANKS}"
-    # by mpi4py: an error on one rank ends the others
-    lines = [line.split() for line in mpirun(n_ranks, "-m", "mpi4py", "-c", script).stdout.splitlines()]
-    names = ["q", "v", "multipliers", "kinetic", "strain", "motor", "weight", "friction", *["frequencies", "loads"] * 2]
-    assert sorted(name for name, _ in lines) == sorted(names)
-    for name, apart in lines:
-        # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in multipliers after division by the step
-        assert float(apart) < (1e-6 if name == "multipliers" else 1e-9), name
 
 
 # the crank's cross-section is uncertain, height and thickness together

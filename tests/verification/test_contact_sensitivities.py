@@ -1,7 +1,5 @@
 """Derivatives of runs that meet and leave end stops: closed form, central differences, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +51,8 @@ BOUNCING = (
 )  # fmt: skip
 WAVE = "{amplitude=0.12,frequency_hz=10.0,mean=0.5}"
 DRIVE = (
-    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}',
-    "simulation.initial={}",
-    *RUN,
-)
+    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}', "simulation.initial={}", *RUN,
+)  # fmt: skip
 NO_MOTOR = 'effects={weight={type="gravity"}}'
 SLIDER = 'effects.stop={type="end_stop",joint="slider",lower=0.94,upper=0.97,stiffness="k",damping=0.2}'
 ELBOW = 'effects.stop={type="end_stop",joint="elbow",lower=-0.33,stiffness="k",damping=0.1}'

@@ -1,7 +1,5 @@
 """Structural damping, prescribed motions and the balance of energy in the full-order model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_distributed, run_of, scene_of
@@ -131,12 +129,9 @@ def test_the_balance_of_energy_holds_at_second_order(name: str) -> None:
         if name in FLEXIBLE:
             # a soft beam, so that steps resolve all of its modes that take part
             soft = (
-                "bodies.beam.line.elements=2",
-                "bodies.beam.section.axial=400.0",
-                "bodies.beam.section.shear=400.0",
-                "bodies.beam.section.bending=10.0",
-                "bodies.beam.section.rotary_density=0.05",
-            )
+                "bodies.beam.line.elements=2", "bodies.beam.section.axial=400.0", "bodies.beam.section.shear=400.0",
+                "bodies.beam.section.bending=10.0", "bodies.beam.section.rotary_density=0.05",
+            )  # fmt: skip
             scene = scene_of(SPINNER, FLEXIBLE[name] + WEIGHT + run_of(0.5, step, velocity=2.0), *soft)
             _, shape = linear_mode(scene, (3, 4), 1)
             run = run_distributed(scene, shape)

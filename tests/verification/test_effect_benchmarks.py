@@ -1,7 +1,5 @@
 """Rotating beams, singular positions, welds and all effects together in the full-order model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,11 +17,9 @@ from scenes import tables
 def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
     """In the plane of rotation, in units of sqrt(EI / rho A L^4), from a short free vibration."""
     scene = scene_of(
-        CANTILEVER,
-        "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
-        f"effects.hold.constant_speed.speed={spin}.0",
-        "bodies.beam.line.elements=16",
-    )
+        CANTILEVER, "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
+        f"effects.hold.constant_speed.speed={spin}.0", "bodies.beam.line.elements=16",
+    )  # fmt: skip
     _, shape = linear_mode(scene, [0, 1, 2], 0)
     run = run_batch(scene, 1, 1e-3 * shape)
     time = np.linspace(0.0, 2.5, len(run))

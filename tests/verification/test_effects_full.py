@@ -3,7 +3,7 @@
 `recorded` runs both forms of the model and compares them; what is checked here is the distributed one.
 """
 
-from __future__ import annotations
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -28,76 +28,90 @@ from scipy.special import ellipk
 from scenes import tables
 
 
-def test_a_harmonic_torque() -> None:
-    run = recorded(
-        bar(
-            tables("""
-effects.motor: type = "torque"; joint = "hinge";
-    harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }; scale = 1.5
-"""),
-            0.5,
-            velocity=0.3,
+def pull(angle: float, force: float) -> float:
+    """Return the torque of a force from the tip towards (0.3, 1.4)."""
+    x, y = np.cos(angle), np.sin(angle)
+    return force * (1.4 * x - 0.3 * y) / np.hypot(0.3 - x, 1.4 - y)
+
+
+def strut(angle: float, speed: float) -> float:
+    """Return the torque of a spring and damper between these points."""
+    length = np.hypot(0.3 - np.cos(angle), 1.4 - np.sin(angle))
+    return pull(angle, 20.0 * (length - 0.9) - 0.7 * pull(angle, 1.0) * speed)
+
+
+def stop(angle: float, speed: float, damping: float) -> float:
+    """Return the torque of weight and stop on a bar that falls."""
+    return -0.5 * G * np.cos(angle) + max(0.0, 2000.0 * max(0.0, -0.5 - angle) * (1.0 - damping * speed))
+
+
+WEIGHT, ANCHOR = 'effects.weight: type = "gravity"', "ground.points: anchor = [0.3, 1.4]"
+PUSH = 'effects.e: type = "force"; direction = [3.0, 4.0]; table = [[0.0, 0.0], [0.5, 2.0]]; point = '
+STOP = 'effects.e: type = "end_stop"; joint = "hinge"; lower = -0.5; stiffness = 2000.0; damping = '
+STRUT = 'effects.e: type = "spring_damper"; stiffness = 20.0; damping = 0.7; rest = 0.9; points = '
+Row = tuple[str, Callable[[float, float, float], float], float, float, dict[str, float], float]
+#: Effects; torque about the hinge of (t, angle, speed); further moment of inertia; duration and start; tolerance: of the
+#: scheme (omega h)^2 / 12 of what swings, and as much again by the circle that the centre of mass makes.
+TURNED: dict[str, Row] = {
+    "harmonic torque": (
+        'effects.e: type = "torque"; joint = "hinge"; scale = 1.5; '
+        "harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }",
+        lambda t, a, w: 1.5 * (0.7 * np.sin(4.0 * np.pi * t + 0.4) + 0.2), 0.0, 0.5, {"velocity": 0.3}, 1e-5,
+    ),
+    # on the centre of mass it is a load, elsewhere an action; in the hinge it does nothing
+    **{
+        f"force on bar:{point}": (
+            f'{PUSH}"bar:{point}"',
+            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0, 0.5, {"velocity": 0.3}, 1e-5,
         )
-    )
-    rate, t = 4.0 * np.pi, run.time
-    swing = -0.7 / rate**2 * (np.sin(rate * t + 0.4) - np.sin(0.4)) + 0.7 * np.cos(0.4) / rate * t
-    expected = 0.3 * t + 1.5 / BAR_INERTIA * (swing + 0.2 * t**2 / 2)
-    # (rate h)^2 / 12 of the swing, 5e-5 of 0.02 rad, and of what it throws forward
-    np.testing.assert_allclose(run.angle, expected, rtol=0, atol=1e-5)
+        for point, arm in {"tip": 1.0, "middle": 0.5, "hinge": 0.0}.items()
+    },
+    "following force": (
+        'effects.e: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true; '
+        "harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }",
+        lambda t, a, w: np.sqrt(0.5) * 2.0, 0.0, 0.5, {"position": 0.4}, 2e-6,
+    ),
+    "pulling force": (
+        f'{ANCHOR}\neffects.e: type = "force"; point = "bar:tip"; towards = "ground:anchor"; '
+        "table = [[0.0, 0.5], [0.5, 1.5]]", lambda t, a, w: pull(a, 0.5 + 2.0 * t), 0.0, 0.5, {}, 1e-5,
+    ),
+    "point mass": (
+        "parameters.m: nominal = 0.5; value = 0.8\n"
+        'effects.weight: type = "gravity"; direction = [0.0, -3.0]; acceleration = 9.0\n'
+        'effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.05',
+        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), 0.85, 0.6, {}, 4e-5,
+    ),
+    "joint damping": (
+        'effects.e: type = "joint_damping"; joint = "hinge"; coefficient = 0.5',
+        lambda t, a, w: -0.5 * w, 0.0, 1.0, {"velocity": 2.0}, 4e-6,
+    ),
+    "spring in a joint": (
+        'effects.e: type = "spring_damper"; joint = "hinge"; stiffness = 40.0; damping = 0.6; rest = 0.2',
+        lambda t, a, w: -40.0 * (a - 0.2) - 0.6 * w, 0.0, 0.5, {}, 1e-4,
+    ),
+    "spring from a point": (
+        f'{ANCHOR}\n{STRUT}["ground:anchor", "bar:tip"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4
+    ),
+    "spring to a point": (
+        f'{ANCHOR}\n{STRUT}["bar:tip", "ground:anchor"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4
+    ),
+    # within the stop omega h = 0.15, of half a period's 0.04 s at 5 rad/s; four times as much of the damping
+    "stop": (f"{WEIGHT}\n{STOP}0.0", lambda t, a, w: stop(a, w, 0.0), 0.0, 0.64, {}, 4e-4),
+    "damped stop": (f"{WEIGHT}\n{STOP}0.3", lambda t, a, w: stop(a, w, 0.3), 0.0, 0.64, {}, 3e-3),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("point", ["bar:tip", "bar:middle", "bar:hinge"])
-def test_a_force_that_keeps_its_direction(point: str) -> None:
-    """On the centre of mass it is a load, elsewhere an action; in the hinge it does nothing."""
-    run = recorded(
-        bar(
-            tables(f"""
-effects.push: type = "force"; point = "{point}"; direction = [3.0, 4.0]; table = [[0.0, 0.0], [0.5, 2.0]]
-"""),
-            0.5,
-            velocity=0.3,
-        )
-    )
-    arm = {"bar:tip": 1.0, "bar:middle": 0.5, "bar:hinge": 0.0}[point]
-    expected = turning(lambda t, a, _: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), run.time, 0.0, 0.3)
-    np.testing.assert_allclose(run.angle, expected, rtol=0, atol=1e-5)
-
-
-def test_a_force_that_turns_with_its_body() -> None:
-    run = recorded(
-        bar(
-            tables("""
-effects.jet: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true;
-    harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }
-"""),
-            0.5,
-            position=0.4,
-        )
-    )
-    expected = 0.4 + np.sqrt(0.5) * 2.0 / BAR_INERTIA * run.time**2 / 2
-    # the centre of mass goes round at up to 2 rad/s: (w h)^2 / 12 of half a turn
-    np.testing.assert_allclose(run.angle, expected, rtol=0, atol=2e-6)
-    assert run.balance.work["jet"][-1] == pytest.approx(np.sqrt(0.5) * 2.0 * (run.angle[-1] - 0.4), rel=1e-5)
-
-
-def test_a_force_towards_a_point() -> None:
-    run = recorded(
-        scene_of(
-            BAR,
-            tables("""
-ground.points: anchor = [0.3, 1.4]
-effects.rope: type = "force"; point = "bar:tip"; towards = "ground:anchor"; table = [[0.0, 0.5], [0.5, 1.5]]
-""")
-            + run_of(0.5),
-        )
-    )
-
-    def torque(t: float, angle: float, _: float) -> float:
-        x, y = np.cos(angle), np.sin(angle)
-        gx, gy = 0.3 - x, 1.4 - y
-        return (0.5 + 2.0 * t) * (x * gy - y * gx) / np.hypot(gx, gy)
-
-    np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=1e-5)
+@pytest.mark.parametrize("name", TURNED)
+def test_a_bar_turns_as_its_torques_say(name: str) -> None:
+    entries, torque, further, duration, start, tolerance = TURNED[name]
+    run = recorded(bar(tables(entries + "\n"), duration, **start))
+    expected = turning(torque, run.time, inertia=BAR_INERTIA + further, **start)
+    np.testing.assert_allclose(run.angle, expected, rtol=0, atol=tolerance)
+    if name in ("following force", "joint damping"):
+        gained = 0.5 * BAR_INERTIA * (run.rates[:, 0, 2] ** 2 - start.get("velocity", 0.0) ** 2)
+        np.testing.assert_allclose(run.balance.work["e"], gained, rtol=0, atol=1e-5)
+    if "stop" in name:
+        assert run.balance.work["e"][-1] <= 1e-6
 
 
 def test_a_following_force_at_the_tip_of_a_flexible_beam() -> None:
@@ -127,16 +141,13 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
         '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start),
         *(
             (
-                "bodies.bar.flexible=true",
-                "bodies.bar.section.axial=1e5",
-                "bodies.bar.section.shear=1e5",
-                "bodies.bar.section.bending=1e3",
-                "bodies.bar.section.rotary_density=1e-5",
+                "bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
+                "bodies.bar.section.bending=1e3", "bodies.bar.section.rotary_density=1e-5",
             )
             if flexible
             else ()
         ),
-    )
+    )  # fmt: skip
     run = recorded(scene)
     middle = run.angle[len(run.time) // 2]
     # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
@@ -146,23 +157,6 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
     quarter = np.interp(period / 4, run.time, run.angle)
     # (omega h)^2 / 12 of a quarter of a turn; bent by its own weight at most 1e-3 where it is flexible
     assert quarter == pytest.approx(-np.pi / 2, abs=2e-3 if flexible else 5e-5)
-
-
-def test_a_mass_on_a_rigid_bar_away_from_its_centre() -> None:
-    run = recorded(
-        scene_of(
-            BAR,
-            tables("""
-parameters.m: nominal = 0.5; value = 0.8
-effects.weight: type = "gravity"; direction = [0.0, -3.0]; acceleration = 9.0
-effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.05
-""")
-            + run_of(0.6),
-        )
-    )
-    expected = turning(lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), run.time, inertia=BAR_INERTIA + 0.8 + 0.05)
-    # (w h)^2 / 12 of the turn, w up to 4 rad/s, and the same again by the circle that its centre makes
-    np.testing.assert_allclose(run.angle, expected, rtol=0, atol=4e-5)
 
 
 def test_a_mass_at_the_tip_of_a_cantilever() -> None:
@@ -189,15 +183,6 @@ effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
         rtol=0,
         atol=2e-4 * small / omega,
     )
-
-
-def test_joint_damping_decays_exponentially() -> None:
-    run = recorded(bar('[effects.oil]\ntype = "joint_damping"\njoint = "hinge"\ncoefficient = 0.5', 1.0, velocity=2.0))
-    rate = 0.5 / BAR_INERTIA
-    # (rate h)^2 / 12, 8e-7, and as much by the circle that its centre makes at 2 rad/s
-    np.testing.assert_allclose(run.angle, 2.0 / rate * -np.expm1(-rate * run.time), rtol=0, atol=4e-6)
-    lost = 0.5 * BAR_INERTIA * 4.0 * np.expm1(-2.0 * rate * run.time)
-    np.testing.assert_allclose(run.balance.work["oil"], lost, rtol=0, atol=1e-5)
 
 
 def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np.ndarray:
@@ -275,69 +260,3 @@ effects.stop: type = "end_stop"; joint = "slide"; upper = {place}; stiffness = {
     # (omega h)^2 / 12 of the time of contact at 0.5 m/s, 3e-5
     np.testing.assert_allclose(x[back], place - 0.5 * (run.time[back] - arrival - contact), rtol=0, atol=4e-5 + BARS)
     assert x.max() == pytest.approx(place + 0.5 / np.sqrt(stiffness), abs=1e-5)
-
-
-def test_a_spring_on_a_joint() -> None:
-    run = recorded(
-        bar(
-            tables("""
-effects.spring: type = "spring_damper"; joint = "hinge"; stiffness = 40.0; damping = 0.6; rest = 0.2
-"""),
-            0.5,
-        )
-    )
-    omega, decay = np.sqrt(40.0 / BAR_INERTIA), 0.3 / BAR_INERTIA
-    damped = np.sqrt(omega**2 - decay**2)
-    turned = np.cos(damped * run.time) + decay / damped * np.sin(damped * run.time)
-    # (omega h)^2 / 12 of omega t
-    np.testing.assert_allclose(run.angle, 0.2 - 0.2 * np.exp(-decay * run.time) * turned, rtol=0, atol=1e-4)
-
-
-@pytest.mark.parametrize("order", [("ground:anchor", "bar:tip"), ("bar:tip", "ground:anchor")])
-def test_a_spring_between_two_points(order: tuple[str, str]) -> None:
-    run = recorded(
-        scene_of(
-            BAR,
-            tables(f"""
-ground.points: anchor = [0.3, 1.4]
-effects.spring: type = "spring_damper"; points = ["{order[0]}", "{order[1]}"]; stiffness = 20.0; damping = 0.7;
-    rest = 0.9
-""")
-            + run_of(0.6),
-        )
-    )
-
-    def torque(t: float, angle: float, speed: float) -> float:
-        x, y = np.cos(angle), np.sin(angle)
-        gx, gy = x - 0.3, y - 1.4
-        length = np.hypot(gx, gy)
-        across = (x * gy - y * gx) / length  # how the length grows with the angle
-        return -(20.0 * (length - 0.9) + 0.7 * across * speed) * across
-
-    # omega = sqrt(20 / J): (omega h)^2 / 12 of omega t, 1e-4
-    np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=1e-4)
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.3])
-def test_a_bar_that_falls_on_a_stop(damping: float) -> None:
-    stiffness, lower = 2000.0, -0.5
-    run = recorded(
-        bar(
-            tables(f"""
-effects.weight: type = "gravity"
-effects.stop: type = "end_stop"; joint = "hinge"; lower = {lower}; stiffness = {stiffness}; damping = {damping}
-"""),
-            0.64,
-            STEP,
-        )
-    )
-
-    def torque(t: float, angle: float, speed: float) -> float:
-        depth = lower - angle
-        stop = max(0.0, stiffness * depth * (1.0 - damping * speed)) if depth > 0 else 0.0
-        return -0.5 * G * np.cos(angle) + stop
-
-    # within the stop omega h = 0.15: (omega h)^2 / 12 of half a period's 0.04 s at 5 rad/s, four times as much of the
-    # damping; a quarter of it with half the step
-    np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=3e-3 if damping else 4e-4)
-    assert run.balance.work["stop"][-1] <= 1e-6

@@ -1,7 +1,5 @@
 """The estimated error of reduced runs against the true one, and what may have no part in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -113,11 +111,7 @@ def many_exact() -> tuple[dict[str, np.ndarray], Outputs]:
 def test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples(
     second_order: str, many_exact: tuple[dict[str, np.ndarray], Outputs]
 ) -> None:
-    """Seven modes and a static one, with second order and without; no sample has a part in either.
-
-    Vibrations from the torque's two bends, 80 periods apart, add up or cancel by their phase, which a quarter of the
-    step does not keep: of the deformation's estimates 82 % are within a factor of 2.
-    """
+    """Seven modes and a static one, with second order and without; no sample has a part in either."""
     values, exact = many_exact
     model = reduced_model(accurate_scene(SHORT, f"reduction.second_order={second_order}"))
     estimate, found = estimated(model, values, N_ACCEPTED), history(model, values, N_ACCEPTED)[1]
@@ -158,14 +152,9 @@ def test_a_mechanism_that_turns_fast(accurate_rom: ReducedOrderModel) -> None:
 def test_the_error_of_modes_that_are_missing(modes: int) -> None:
     """A third of the deformation or more: the estimate solves the same full-order equations, on the same steps here."""
     overrides = (
-        *SEEN,
-        f"reduction.modes={modes}",
-        "reduction.angles=32",
-        'reduction.interpolation="spectral"',
-        "simulation.duration=0.02",
-        "simulation.step=1e-4",
-        "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
-    )
+        *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
+        "simulation.duration=0.02", "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
+    )  # fmt: skip
     values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
     ratios, shares = effectivity(slider_crank, overrides, None, values, refinement=4)
     for name, found in ratios.items():
@@ -174,19 +163,13 @@ def test_the_error_of_modes_that_are_missing(modes: int) -> None:
 
 
 def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None:
-    """Between 24 angles the inertia of a mode of other parameters is negative here and there, small around it.
-
-    The run itself is none the worse, but one with smaller steps stops there: there is no estimate, and it says so.
-    """
+    """Between 24 angles the inertia of a mode of other parameters is negative here and there, small around it."""
     overrides = (
-        *SEEN,
-        'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}',
+        *SEEN, 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}',
         "reduction={modes=3, static_modes=true, inertia_modes=true, parameter_modes=2, angles=24}",
-        'reduction.interpolation="spline"',
-        "simulation.duration=0.3",
-        "simulation.step=1e-3",
+        'reduction.interpolation="spline"', "simulation.duration=0.3", "simulation.step=1e-3",
         "effects.motor.table=[[0.0, 0.0], [0.1, 0.5], [1.0, 0.5]]",
-    )
+    )  # fmt: skip
     rom = rom_of(slider_crank(*overrides))
     assert "the interpolated mass matrix is not positive definite" in rom.indefinite
     values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
@@ -198,20 +181,13 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
 
 
 def test_a_spring_that_acts_on_undeformed_bodies_at_once() -> None:
-    """Accelerations at the start that would bend the bodies by many radians while the crank turns by little.
-
-    Differences along such a path made estimates 3.1 times the true errors.
-    """
+    """Accelerations at the start that would bend the bodies by many radians while the crank turns by little."""
     overrides = (
-        *SEEN,
-        'effects.knee={type="spring_damper", joint="elbow", stiffness=30.0, rest=0.0}',
+        *SEEN, 'effects.knee={type="spring_damper", joint="elbow", stiffness=30.0, rest=0.0}',
         'effects.inner={type="structural_damping", stiffness=2e-5}',
-        "reduction={modes=8, static_modes=true, angles=24, second_order=true}",
-        'reduction.interpolation="spline"',
-        "simulation.initial.theta.position=1.0",
-        "simulation.duration=0.002",
-        "simulation.step=1e-4",
-    )
+        "reduction={modes=8, static_modes=true, angles=24, second_order=true}", 'reduction.interpolation="spline"',
+        "simulation.initial.theta.position=1.0", "simulation.duration=0.002", "simulation.step=1e-4",
+    )  # fmt: skip
     values = samples(slider_crank(*overrides), 1)
     ratios, _ = effectivity(slider_crank, overrides, None, values, refinement=16)
     for name, found in ratios.items():
@@ -223,14 +199,9 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
     found = {}
     for modes in (2, 30):
         scene = slider_crank(
-            *SEEN,
-            f"reduction.modes={modes}",
-            "reduction.angles=32",
-            'reduction.interpolation="spectral"',
-            "simulation.duration=0.01",
-            "simulation.step=2e-5",
-            "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
-        )
+            *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
+            "simulation.duration=0.01", "simulation.step=2e-5", "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
+        )  # fmt: skip
         found[modes] = estimated(reduced_model(scene), samples(scene, 1), 1).largest["angle"][0]
     assert found[30] < 2e-3 * found[2]
 

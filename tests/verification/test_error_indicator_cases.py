@@ -5,8 +5,6 @@ of a linear propagation were 11 times too small with the friction, 6 times at th
 of the frame in space, and 145 times too large of the axial force.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

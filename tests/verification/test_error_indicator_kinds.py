@@ -4,8 +4,6 @@ True errors are those against runs of the mesh with finer steps, of solids in sp
 benchmark `effectivity` measures more of it, with the repository's scenes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,8 +18,8 @@ from spatial_beams import lines_of, slider_crank_of_beams
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.estimates.coverage import absence_of_estimates
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
+from pgmp_petsc.estimates.own_error import absence_of_estimates
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -57,11 +55,9 @@ DRIVEN = (
 STARTED = (*DRIVEN, 'effects.drive={type="prescribed_motion", coordinate="theta", table=[[0.0, 0.0], [0.05, 0.2]]}')
 # from before the only impact on, of one sample of many
 STOPPED = (
-    "parameters.friction.nominal=2.5957183736867124",
-    "reduction.angles=64",
-    "simulation.duration=0.8",
+    "parameters.friction.nominal=2.5957183736867124", "reduction.angles=64", "simulation.duration=0.8",
     "simulation.step=2.5e-4",
-)
+)  # fmt: skip
 SCALED = ("parameters={s={nominal=0.9}}", 'bodies.rod.section_scale="s"')
 Made = tuple[Scene, dict]
 

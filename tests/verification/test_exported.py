@@ -1,7 +1,5 @@
 """Models in C give what `pgmp simulate` gives."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path
@@ -66,25 +64,18 @@ outputs.bent_across: type = "deformation"; point = "rocker:tip"; axis = "y"; fra
 """)
 IN_FIVE_BAR = (
     'effects.motor={type="torque",joint="left_hinge",table=[[0.0,0.3]]}',
-    'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}',
-    "coordinates.theta1.range=[1.6,2.4]",
-    "coordinates.theta1.periodic=false",
-    "coordinates.theta2.range=[0.7,1.4]",
-    "coordinates.theta2.periodic=false",
+    'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}', "coordinates.theta1.range=[1.6,2.4]",
+    "coordinates.theta1.periodic=false", "coordinates.theta2.range=[0.7,1.4]", "coordinates.theta2.periodic=false",
     "simulation={duration=0.1,step=1e-3,initial={theta1={position=2.0},theta2={position=1.0}}}",
     'outputs.x={type="position",point="first:tip",axis="x"}',
-    'outputs.bent={type="deformation",point="first:tip",axis="y"}',
-    'outputs.pin={type="angle",joint="pin"}',
-)
+    'outputs.bent={type="deformation",point="first:tip",axis="y"}', 'outputs.pin={type="angle",joint="pin"}',
+)  # fmt: skip
 IN_SPACE = (
-    "reduction.angles=12",
-    "reduction.modes=4",
-    "reduction.second_order=true",
-    "simulation.duration=0.05",
+    "reduction.angles=12", "reduction.modes=4", "reduction.second_order=true", "simulation.duration=0.05",
     'effects.jet={type="force",point="coupler:tip",direction=[0.0,1.0,0.0],follows=true,table=[[0.0,0.2]]}',
     'outputs.reach={type="distance",points=["ground:origin","coupler:tip"]}',
     'outputs.across={type="deformation",point="coupler:hinge",axis="z",frame="body"}',
-)
+)  # fmt: skip
 # an oscillating cylinder whose motor, spring and weight set in at once on light nodes
 CYLINDER = tables("""
 scene.name = "cylinder"
@@ -185,10 +176,7 @@ def test_friction_that_sticks(tmp_path) -> None:
 
 
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
-    """Poses of outputs are closed by Newton's method, which stops where the program's stops.
-
-    A coarser table of the rigid motion than the usual one does: both have the same.
-    """
+    """Poses of outputs are closed by Newton's method, which stops where the program's stops."""
     monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
@@ -213,13 +201,9 @@ def test_space(tmp_path) -> None:
 
 def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
     scene = slider_crank_in_space(
-        'outputs={elbow={type="angle", joint="elbow"}}',
-        "reduction.angles=24",
-        'reduction.interpolation="spline"',
-        "simulation.initial.theta.velocity=100.0",
-        "simulation.duration=0.12",
-        "simulation.step=2.5e-4",
-    )
+        'outputs={elbow={type="angle", joint="elbow"}}', "reduction.angles=24", 'reduction.interpolation="spline"',
+        "simulation.initial.theta.velocity=100.0", "simulation.duration=0.12", "simulation.step=2.5e-4",
+    )  # fmt: skip
     model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
     wanted = simulated(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi

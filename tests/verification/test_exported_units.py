@@ -1,7 +1,5 @@
 """FMUs of versions 2 and 3, for co-simulation and model exchange, give what the program gives."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

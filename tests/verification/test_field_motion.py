@@ -1,7 +1,5 @@
 """Motions of bodies with random fields: closed forms, energies, and the models against each other."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np
@@ -28,12 +26,9 @@ MOVING = (
     'fields.soft={body="rod", quantity="E", variation=0.12, length=0.4, terms=3}',
     'fields.heavy={body="crank", quantity="rho", variation=0.1, length=0.5, terms=1}',
     'effects.damped={type="structural_damping", stiffness=1e-5, mass=0.2}',
-    'outputs.push={type="deformation", point="rod:tip", axis="x"}',
-    'effects.weight={type="gravity"}',
-    "simulation.initial.theta={position=0.5, velocity=15.0}",
-    "simulation.duration=0.1",
-    "simulation.step=1e-3",
-)
+    'outputs.push={type="deformation", point="rod:tip", axis="x"}', 'effects.weight={type="gravity"}',
+    "simulation.initial.theta={position=0.5, velocity=15.0}", "simulation.duration=0.1", "simulation.step=1e-3",
+)  # fmt: skip
 VALUES = {"soft_1": -2.0, "soft_2": 1.5, "soft_3": 1.0, "heavy_1": 1.8}
 
 

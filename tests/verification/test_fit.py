@@ -1,7 +1,5 @@
 """Parameters from measured histories: recovered within their standard errors, and said where they cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,12 +27,9 @@ SCENE = (
     'parameters.r1={nominal=5.6e-3,bounds=[3e-3,9e-3],distribution={name="norm",loc=5.6e-3,scale=0.56e-3}}',
     "parameters.c={nominal=0.02,bounds=[1e-3,0.1]}",
     'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient="c"}',
-    "effects.motor.table=[[0.0,0.0],[0.05,1.5],[1.0,1.5]]",
-    "simulation.duration=0.3",
-    "simulation.step=1e-3",
-    'outputs.angle={type="angle",joint="crank_hinge"}',
-    'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
-)
+    "effects.motor.table=[[0.0,0.0],[0.05,1.5],[1.0,1.5]]", "simulation.duration=0.3", "simulation.step=1e-3",
+    'outputs.angle={type="angle",joint="crank_hinge"}', 'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
+)  # fmt: skip
 TRUE = {"r1": 6.1e-3, "c": 0.03}
 NOISE = {"angle": 2e-3, "bend": 2e-6}
 EVERY = 3

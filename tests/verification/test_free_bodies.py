@@ -1,7 +1,5 @@
 """Bodies that nothing but hinges of massless arms and gimbals holds: momentum, and the torque-free top of Euler."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

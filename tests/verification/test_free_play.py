@@ -1,7 +1,5 @@
 """A spring with free play, whose law has two edges: against closed forms, and as two stops, in every model and in C."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,14 +1,11 @@
 """The full-order model: one formulation against the other, closed forms, energy, published numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from elimination import Beams, chain, circle
-from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 from scipy.special import ellipk
 
@@ -93,52 +90,35 @@ BOTH = {
 }
 
 
-@pytest.mark.parametrize("name", BOTH)
-def test_batched_and_distributed_models_agree(name: str) -> None:
-    scene = BOTH[name]()
-    model = full_model(scene)
-    batch, run = run_model(model, 2, samples(scene, 2, r1=np.array([RADIUS, 4.5e-3])))
-    for k, radius in enumerate((RADIUS, 4.5e-3)):
-        with model.distributed({"r1": radius}, MPI.COMM_SELF) as single:
-            other = integrate(single, scene.simulation)
-            # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in a after division by the step
-            for part, share in (("q", 1e-10), ("v", 1e-8), ("a", 1e-6), ("multipliers", 1e-6)):
-                one, two = batch.unpack(getattr(run.state, part))[:, k], single.unpack(getattr(other.state, part))[:, 0]
-                np.testing.assert_allclose(one, two, rtol=0, atol=share * np.abs(two).max(), err_msg=part)
-            first = single.start()
-        start = batch.start()
-        for part in ("q", "v", "a", "multipliers"):
-            two = getattr(first, part)
-            expected = pytest.approx(two, rel=0, abs=1e-9 * max(np.abs(two).max(), 1e-12))
-            assert batch.unpack(getattr(start, part))[:, k] == expected, part
-
-
-# the distributed model on all ranks; the first prints how far it is from the batched one, as shares of the maximum
+# the distributed model on all ranks, with numerical damping and without, where velocities are projected onto constraints
+# that turn; the first prints how far it is from the batched one, as shares of the maximum
 DISTRIBUTED = """
 import numpy as np
 from mpi4py import MPI
 from runs import full_model, quick_return, run_model
 from pgmp_petsc.stepping.generalised_alpha import integrate
-scene = quick_return("simulation.duration=0.1")
-model = full_model(scene)
-with model.distributed(scene.values, MPI.COMM_WORLD) as system:
-    run = integrate(system, scene.simulation)
-    q, multipliers = system.unpack(run.state.q)[:, 0], system.multipliers(run.state)
-batch, expected = run_model(model)
-for one, name in ((q, "q"), (multipliers, "multipliers")):
-    two = batch.unpack(getattr(expected.state, name))[:, 0]
-    wrong = MPI.COMM_WORLD.allreduce(float(np.abs(one - two).max() / np.abs(two).max()), op=MPI.MAX)
-    if MPI.COMM_WORLD.rank == 0:
-        print(wrong)
+
+for radius in (0.8, 1.0):
+    scene = quick_return("simulation.duration=0.1", f"simulation.spectral_radius={radius}")
+    model = full_model(scene)
+    with model.distributed(scene.values, MPI.COMM_WORLD) as system:
+        run = integrate(system, scene.simulation)
+        q, v, multipliers = (*(system.unpack(p)[:, 0] for p in (run.state.q, run.state.v)), system.multipliers(run.state))
+    batch, expected = run_model(model)
+    for one, name in ((q, "q"), (v, "v"), (multipliers, "multipliers")):
+        two = batch.unpack(getattr(expected.state, name))[:, 0]
+        wrong = MPI.COMM_WORLD.allreduce(float(np.abs(one - two).max() / np.abs(two).max()), op=MPI.MAX)
+        if MPI.COMM_WORLD.rank == 0:
+            print(wrong)
 """
 
 
 @pytest.mark.parametrize("n_ranks", [2, 5])
 def test_the_distributed_model_on_several_ranks_with_a_turning_line(mpirun: Callable, n_ranks: int) -> None:
     """Its joint connects nodes of different ranks."""
-    in_positions, in_multipliers = map(float, mpirun(n_ranks, "-c", DISTRIBUTED).stdout.split())
-    assert in_positions < 1e-10
-    assert in_multipliers < 1e-6
+    found = np.reshape(mpirun(n_ranks, "-c", DISTRIBUTED).stdout.split(), (2, 3)).astype(float)
+    # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in multipliers after division by the step
+    assert (found < [1e-10, 1e-9, 1e-6]).all(), found
 
 
 @pytest.mark.parametrize("name", BOTH)
@@ -161,15 +141,11 @@ def test_constraints_hold_at_every_step(name: str) -> None:
 def hanging(position: float, n_steps: int, duration: float) -> Scene:
     """Return a stiff beam of 1 m that swings under gravity; position from the lowest point."""
     return pendulum(
-        GRAVITY,
-        'bodies.arm.mesh="0.0:1.0:2"',
-        "bodies.arm.section.radius=0.05",
+        GRAVITY, 'bodies.arm.mesh="0.0:1.0:2"', "bodies.arm.section.radius=0.05",
         'outputs.x={type="position", point="arm:tip", axis="x"}',
-        f"simulation.initial.phi.position={position - np.pi / 2}",
-        f"simulation.duration={duration}",
-        f"simulation.step={duration / n_steps}",
-        "simulation.spectral_radius=0.8",
-    )
+        f"simulation.initial.phi.position={position - np.pi / 2}", f"simulation.duration={duration}",
+        f"simulation.step={duration / n_steps}", "simulation.spectral_radius=0.8",
+    )  # fmt: skip
 
 
 def quarter_period(amplitude: float) -> float:
@@ -194,12 +170,9 @@ def test_a_stiff_hinged_beam_is_a_physical_pendulum(amplitude: float) -> None:
 def free(step: float, radius: float = 1.0) -> Scene:
     """Return the slider-crank without loads, spinning from an undeformed start that is no equilibrium."""
     return slider_crank(
-        "effects={}",
-        "simulation.initial.theta.velocity=12.0",
-        "simulation.duration=0.2",
-        f"simulation.step={step}",
+        "effects={}", "simulation.initial.theta.velocity=12.0", "simulation.duration=0.2", f"simulation.step={step}",
         f"simulation.spectral_radius={radius}",
-    )
+    )  # fmt: skip
 
 
 def energies(scene: Scene) -> np.ndarray:
@@ -232,17 +205,6 @@ def test_numerical_damping_only_takes_energy() -> None:
     assert lossy.max() < lossy[0] * (1 + 2e-3)
 
 
-def test_samples_of_a_batch_agree_with_runs_alone() -> None:
-    scene = quick_return("simulation.duration=0.05")
-    model = full_model(scene)
-    radii = np.linspace(4e-3, 8e-3, 11)  # more than one block of lanes
-    system, run = run_model(model, 11, {"r1": radii})
-    for k in (0, 7, 8, 10):
-        alone_system, alone = run_model(model, 1, {"r1": radii[k : k + 1]})
-        one, two = system.unpack(run.state.q)[:, k], alone_system.unpack(alone.state.q)[:, 0]
-        np.testing.assert_allclose(one, two, rtol=0, atol=1e-11)
-
-
 def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
     """The neighbour's radius, or a neighbour that fails, must not be felt."""
     scene = slider_crank("simulation.duration=0.02")
@@ -255,10 +217,3 @@ def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
     expected = first_of(RADIUS, RADIUS)
     np.testing.assert_array_equal(first_of(RADIUS, 9e-3), expected)
     np.testing.assert_array_equal(first_of(RADIUS), expected)
-
-
-def test_a_sample_that_cannot_be_integrated_is_recorded_and_the_others_go_on() -> None:
-    scene = slider_crank("simulation.duration=0.02")
-    model = full_model(scene)
-    _, run = run_model(model, 3, {"r1": np.array([RADIUS, np.nan, RADIUS])})
-    np.testing.assert_array_equal(run.status, [0, 2, 0])

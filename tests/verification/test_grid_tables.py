@@ -1,7 +1,5 @@
 """Reduced tables over two coordinates: order of their interpolation, gauge, clamped coordinates, the file, commands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py
@@ -172,10 +170,8 @@ def test_full_order_and_reduced_frequencies_side_by_side(drive: tuple[str, ...])
 def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None:
     uncertain = (
         'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
-        'bodies.upper.section={shape="circle", radius="r"}',
-        "reduction.modes=5",
-        SPLINE,
-    )
+        'bodies.upper.section={shape="circle", radius="r"}', "reduction.modes=5", SPLINE,
+    )  # fmt: skip
     errors, values = [], {"r": 5.99e-3}  # near the point that is chosen
     for more in ((), ("reduction.parameter_modes=1",)):
         scene = double_pendulum(*uncertain, *more)

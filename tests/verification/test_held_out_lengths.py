@@ -1,7 +1,5 @@
 """One reduced model over a range of lengths: frequencies and motion against models that were built at held-out ones."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Errors of the slider-crank's interpolated tables over angle spacing, against fresh eigenproblems between samples."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Samples with lengths of their own, side by side: as single runs with these lengths, with all that acts on them; their
 estimated errors, and derivatives with a length."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +35,9 @@ STARTS = {
     "undeformed": (),
     "settled, held": ("initial.equilibrium=true",),
     "settled, free": (
-        "initial.equilibrium=true",
-        'initial.coordinates="free"',
-        "simulation.initial.theta.position=-0.1",
+        "initial.equilibrium=true", 'initial.coordinates="free"', "simulation.initial.theta.position=-0.1",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -1,18 +1,15 @@
 """Mechanisms with more than two coordinates: full-order and component runs, and what a reduction of them would cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import full_model, history, rom_of, samples
+from runs import full_model, history, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.estimates.coverage import why_not_of_full_order
+from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
@@ -159,8 +156,3 @@ def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     )
     assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
     assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()
-
-
-def test_what_a_reduction_would_cost_is_said() -> None:
-    with pytest.raises(InputError, match="at most 2 are taken.*Take pgmp simulate SCENE --components or --full"):
-        rom_of(chain(True))

@@ -1,7 +1,5 @@
 """Beams, rigid bodies and plane continuum bodies in one mechanism, with one coordinate and with two."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -35,13 +33,11 @@ def alone() -> RankGroup:
 def mixed_slider_crank(*overrides: str) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a crank of beams and a rod of plane cells, which have the section of the beams' circle."""
     scene = slider_crank(
-        f'bodies.rod={{mesh="none", {SOLID}}}',
-        'joints.elbow.connect=["crank:tip", "rod:left"]',
+        f'bodies.rod={{mesh="none", {SOLID}}}', 'joints.elbow.connect=["crank:tip", "rod:left"]',
         'joints.slider.connect=["ground:origin", "rod:right"]',
         'outputs.x={type="position", point="rod:right", axis="x"}',
-        'outputs.bent={type="deformation", point="rod:right", axis="x"}',
-        *overrides,
-    )
+        'outputs.bent={type="deformation", point="rod:right", axis="x"}', *overrides,
+    )  # fmt: skip
     return scene, {"crank": straight(0.0, 0.3, 20), "rod": solid_meshes("quad8", 40)["rod"]}
 
 

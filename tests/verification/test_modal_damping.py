@@ -3,8 +3,6 @@
 Beams are in test_damping_and_drives.py and test_free_modes.py.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from combinations import KINDS, TINY, meshes_for

@@ -1,7 +1,5 @@
 """Constrained modes: published numbers, the dense pencil, completeness by inertia, and every failure of the solver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,11 +13,10 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.modes import dense_pencil as dense_module
+from pgmp_petsc.modes import pencils as dense_module
 from pgmp_petsc.modes import problem as problem_module
-from pgmp_petsc.modes.dense_pencil import DensePencil
+from pgmp_petsc.modes.pencils import DensePencil, SparsePencil
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
@@ -148,22 +145,6 @@ def test_redundant_constraints_are_dropped() -> None:
     with modal_problem(kinematics_of(slider_crank(again)), 6) as problem:
         assert problem.n_redundant == 1
         np.testing.assert_allclose(problem.solve(0.0).frequencies_hz, REFERENCE_HZ[0.0], rtol=1e-6)
-
-
-def test_the_zeros_of_the_pencil_are_the_rigid_motion() -> None:
-    kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, 2) as problem:
-        modes = problem.solve(1.0)
-    crank_hinge = modes.rigid[2, 0]
-    assert crank_hinge == pytest.approx(1.0, rel=1e-12)  # d theta / d theta
-
-
-def test_counting_by_inertia_agrees_with_the_dense_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
-    a, b, values = pencil
-    for k in range(1, 40):
-        assert solver.count_below(a, b, 0.5 * (values[k - 1] + values[k])) == k
-    assert solver.count_below(a, b, -1.0) == 0
-    assert solver.count_below(a, b, 2 * values[-1]) == 40
 
 
 @pytest.fixture(params=["LAPACK", "SLEPc"])

@@ -1,8 +1,6 @@
 """Parameters' names in place of numbers of stops, friction, springs, masses and starts: runs are those with the number,
 samples those of single runs, and derivatives central differences."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import differences

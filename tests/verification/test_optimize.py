@@ -1,7 +1,5 @@
 """Designs against closed forms: the sag of a cantilever, and a spring that a torque winds up."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

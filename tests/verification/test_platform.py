@@ -1,7 +1,5 @@
 """Closed loops with three coordinates: the scene platform_3rrr against rigid body equations, and against the mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import ROOT

@@ -1,7 +1,5 @@
 """Velocities and accelerations projected onto constraints that turn or move, where nothing damps the rest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import CANTILEVER, line_model, scene_of

@@ -1,7 +1,5 @@
 """Local effects, damping and drives in the reduced model: closed forms, virtual work, full-order model, and power."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from runs import full_model, history, reduced_model, samples

@@ -1,7 +1,5 @@
 """Edges of laws in batches of the reduced model: lanes search them by themselves, in compiled code."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

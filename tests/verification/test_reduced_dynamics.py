@@ -1,7 +1,5 @@
 """The reduced model over time against the full-order one, and against the freedom of its own basis."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -82,16 +80,12 @@ def test_both_models_start_alike(comparison: tuple) -> None:
 def test_a_moving_line_gravity_and_a_moving_start() -> None:
     """The reduced model of a mechanism unlike the paper's, bending by a ten-thousandth of its size."""
     scene = quick_return(
-        "reduction.modes=12",
-        "reduction.angles=90",
-        "simulation.duration=0.3",
-        "simulation.step=5e-4",
-        "bodies.rocker.section.radius=8e-3",
-        "effects.motor.table=[[0.0, 0.0], [0.2, 0.3]]",
+        "reduction.modes=12", "reduction.angles=90", "simulation.duration=0.3", "simulation.step=5e-4",
+        "bodies.rocker.section.radius=8e-3", "effects.motor.table=[[0.0, 0.0], [0.2, 0.3]]",
         'outputs.angle={type="angle", joint="crank_hinge"}',
         'outputs.tip={type="position", point="rocker:tip", axis="x"}',
         'outputs.bent={type="deformation", point="rocker:tip", axis="x"}',
-    )
+    )  # fmt: skip
     values = samples(scene, 2, r1=np.array([5.6e-3, 6.5e-3]))
     full, reduced = (history(model, values, 2)[1] for model in (full_model(scene), reduced_model(scene)))
     for name, allowed in (("angle", 3e-4), ("tip", 3e-4), ("bent", 0.08)):
@@ -101,14 +95,10 @@ def test_a_moving_line_gravity_and_a_moving_start() -> None:
 def test_a_rocker_that_turns_fast_is_integrated_with_the_full_models_step() -> None:
     """Backwards through the quick return, where the modes change fast: 16 rad/s, 500 rad/s2, bent by 4 mm of 800."""
     scene = quick_return(
-        "reduction.modes=8",
-        "reduction.angles=180",
-        "simulation.duration=0.3",
-        "simulation.step=5e-4",
-        "bodies.rocker.section.radius=8e-3",
-        "effects.motor.table=[[0.0, 0.0], [0.2, 0.1]]",
+        "reduction.modes=8", "reduction.angles=180", "simulation.duration=0.3", "simulation.step=5e-4",
+        "bodies.rocker.section.radius=8e-3", "effects.motor.table=[[0.0, 0.0], [0.2, 0.1]]",
         "simulation.initial.theta.velocity=2.0",
-    )
+    )  # fmt: skip
     assert run_model(full_model(scene))[1].status[0] == 0
     assert run_model(reduced_model(scene))[1].status[0] == 0
 
@@ -124,28 +114,15 @@ def scrambled(seed: int, modes: ModeSet) -> ModeSet:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_signs_and_order_of_the_eigenvectors_do_not_change_the_motion(seed: int) -> None:
     scene = slider_crank(
-        "simulation.duration=0.3",
-        'outputs.angle={type="angle", joint="crank_hinge"}',
-        'outputs.bent={type="deformation", point="rod:tip", axis="x"}',
-        "simulation.initial.theta.velocity=8.0",
-    )
+        "simulation.duration=0.3", 'outputs.angle={type="angle", joint="crank_hinge"}',
+        'outputs.bent={type="deformation", point="rod:tip", axis="x"}', "simulation.initial.theta.velocity=8.0",
+    )  # fmt: skip
     plain = ReducedModel(scene, rom_of(scene))
     spoilt = ReducedModel(scene, rom_of(scene, lambda modes: scrambled(seed, modes)))
     values = samples(scene, 2, r1=np.array([5.6e-3, 5e-3]))
     one, other = (history(model, values, 2)[1] for model in (plain, spoilt))
     for name, expected in one.items():
         np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name)
-
-
-def test_a_run_does_not_depend_on_its_batch() -> None:
-    """Bit for bit, with the paper's own basis."""
-    scene = paper_scene("simulation.duration=0.1")
-    model = ReducedModel(scene, paper_rom())
-    radii = np.linspace(4.5e-3, 7e-3, 5)
-    together = run_model(model, 5, {"r1": radii})[1].state.q
-    for k in range(5):
-        np.testing.assert_array_equal(run_model(model, 1, {"r1": radii[k : k + 1]})[1].state.q[0], together[k])
-    np.testing.assert_array_equal(run_model(model, 5, {"r1": radii[::-1].copy()})[1].state.q, together[::-1])
 
 
 def test_without_loads_and_motion_nothing_happens() -> None:
@@ -186,13 +163,9 @@ def with_step(scene: Scene, step: float) -> Scene:
 @pytest.mark.parametrize("scheme", ["overhauser", "spline", "spectral"])
 def test_energy_is_kept_without_loads_and_numerical_damping(scheme: str, order: tuple[str, ...]) -> None:
     scene = slider_crank(
-        *FREE,
-        *order,
-        "simulation.initial.theta.velocity=12.0",
-        "reduction.angles=90",
-        "simulation.duration=0.2",
+        *FREE, *order, "simulation.initial.theta.velocity=12.0", "reduction.angles=90", "simulation.duration=0.2",
         f'reduction.interpolation="{scheme}"',
-    )
+    )  # fmt: skip
     rom = rom_of(scene)
     wrong = [relative_drift(energies(ReducedModel(with_step(scene, step), rom))[0]) for step in (1e-3, 5e-4)]
     # the integrator's own error, of second order
@@ -220,11 +193,8 @@ def test_the_second_order_of_the_integrator() -> None:
     ends = []
     for step in (1e-3, 5e-4, 2.5e-4):
         scene = slider_crank(
-            "simulation.duration=0.1",
-            f"simulation.step={step}",
-            "reduction.modes=2",
-            "simulation.initial.theta.velocity=8.0",
-            'effects.weight={type="gravity"}',
-        )
+            "simulation.duration=0.1", f"simulation.step={step}", "reduction.modes=2",
+            "simulation.initial.theta.velocity=8.0", 'effects.weight={type="gravity"}',
+        )  # fmt: skip
         ends.append(run_model(reduced_model(scene))[1].state.q[0, 0])
     assert np.log2((ends[0] - ends[1]) / (ends[1] - ends[2])) == pytest.approx(2.0, abs=0.2)

@@ -1,7 +1,5 @@
 """The reduced model of a mechanism with two rigid coordinates against the full-order one: a falling double pendulum."""
 
-from __future__ import annotations
-
 import numpy as np
 from runs import full_model, history, reduced_model, samples
 from two_coordinates import double_pendulum

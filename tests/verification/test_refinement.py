@@ -1,7 +1,5 @@
 """Adaptive sampling: interpolated tables meet the tolerance at angles that took no part, with no more than needed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered

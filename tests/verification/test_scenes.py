@@ -4,8 +4,6 @@ Every scene is as it is in the repository, but shorter, and some have fewer conf
 another step follows from what is measured here by the square of the step.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Second order in the deformation: curvature against nonlinear static answers, cubic energy, foreshortening, gauge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Second order in the deformation of bodies of cells and in space: energy on the mesh, joints, full-order runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Forces in sections away from the nominal parameters: against statics, full-order runs and their differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

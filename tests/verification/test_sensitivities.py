@@ -1,7 +1,5 @@
 """Derivatives of runs against central differences: bodies, coordinates, effects and starts of every kind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +42,10 @@ ELBOW = (
     'effects.friction={type="joint_friction",joint="elbow",limit="limit",speed=0.5}',
     'effects.bearing={type="joint_damping",joint="elbow",coefficient="rate"}',
 )  # fmt: skip
+BUSHING = (
+    'parameters.k={nominal=200.0}',
+    'effects.bush={type="bushing",points=["ground:origin","crank:tip"],reference=[[1.0,0.0]],stiffness=["k",0.0],damping=[0.5,0.0]}',
+)  # fmt: skip
 PUSH = (
     'parameters.push={nominal=1.0}', "reduction.static_modes=false",
     'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,table=[[0.0,0.0],[0.02,8.0]],scale="push"}',
@@ -55,6 +57,7 @@ SCENES = {
     "beams of second order": slider_crank(*MODES, "reduction.second_order=true", *OUTPUTS, *MOVING, DAMPING),
     "spring and damper": slider_crank(*MODES, *OUTPUTS, *MOVING, *SPRING),
     "friction and damping of a joint": slider_crank(*MODES, *OUTPUTS, *MOVING, *ELBOW),
+    "bushing that pulls at the start": slider_crank(*MODES, *OUTPUTS, *MOVING, *BUSHING),
     "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
     "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
     "overhauser": slider_crank(*MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
@@ -101,13 +104,9 @@ def test_derivatives_close_no_loops_but_those_of_the_run(monkeypatch: pytest.Mon
 
 def test_derivatives_of_solids_are_central_differences() -> None:
     scene = solid_slider_crank(
-        "parameters={E={nominal=210e9}, t={nominal=10e-3}}",
-        'materials.steel.E="E"',
-        'bodies.crank.thickness="t"',
-        "reduction.modes=3",
-        "reduction.angles=16",
-        *MOVING,
-    )
+        "parameters={E={nominal=210e9}, t={nominal=10e-3}}", 'materials.steel.E="E"', 'bodies.crank.thickness="t"',
+        "reduction.modes=3", "reduction.angles=16", *MOVING,
+    )  # fmt: skip
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         compare(ReducedModel(scene, build_rom(scene, solid_meshes(n_per_metre=20), group)))
 

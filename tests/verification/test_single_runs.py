@@ -1,7 +1,5 @@
 """One full-order run on one rank, as compiled lanes, against the same run with PETSc's matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

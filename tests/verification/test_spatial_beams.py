@@ -1,8 +1,6 @@
 """Beams in space: large deformations against published ones and closed forms, frequencies with the observed order, and
 the plane given in space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled_elements import Beams3d
@@ -26,13 +24,11 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate_full
 from scenes import STEEL, meshes_of, slider_crank, tables
 
 # --- large deformations ----------------------------------------------------------------------------------------------
@@ -296,21 +292,6 @@ def test_modes_of_the_plane_are_among_those_in_space() -> None:
     flat, all_of_them = modes_at(*planar, 5), modes_at(*spatial, 14)
     nearest = np.abs(all_of_them[:, None] / flat - 1.0).min(axis=0)
     assert nearest.max() < 1e-10
-
-
-def test_reduced_runs_of_the_plane_in_space() -> None:
-    """The same coordinates, equations and steps: measured 4e-15 with the modes of the plane among those kept."""
-    (planar, lines), (spatial, beams) = planar_and_spatial(1e-3)
-    flat, deep = (
-        simulate_reduced(
-            ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))), MPI.COMM_SELF
-        )
-        for scene, meshes in (
-            (planar, lines),
-            (slider_crank_of_beams(*short(1e-3), "reduction.modes=11"), beams),
-        )
-    )
-    assert max(apart(flat, deep).values()) < 1e-8
 
 
 def test_full_order_runs_of_the_plane_in_space() -> None:

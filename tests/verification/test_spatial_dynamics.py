@@ -5,8 +5,6 @@ their length. Its reference knows of the model nothing but the scene: the bars' 
 forms, and their masses and inertias those of boxes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Effects in space in the full-order model: closed forms, scipy, the same scene in the plane, the energy balance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 """Full-order runs in space: constraints and their derivatives, against reduced models, beams in the plane, closed
 forms, ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -29,11 +27,9 @@ TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], 
 WEIGHT = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.3]}'
 DRIVEN = 'effects.motor={type="prescribed_motion", coordinate="theta", spin_up={speed=25.0, time=0.2}}'
 ACCURATE = (
-    "reduction.angles=48",
-    "reduction.static_modes=true",
-    "reduction.inertia_modes=true",
+    "reduction.angles=48", "reduction.static_modes=true", "reduction.inertia_modes=true",
     'reduction.interpolation="spline"',
-)
+)  # fmt: skip
 
 
 def outputs(joint: str, point: str, axis: str) -> str:

@@ -1,8 +1,6 @@
 """Modes of mechanisms in space: beams in the plane, closed forms, bodies that are not condensed, and nearly equal
 modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -246,21 +244,17 @@ def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
 # A mode in the plane and one out of it cross near 1.7 rad. Weight in all directions moves both.
 WEIGHT = (
     'effects.weight={type="gravity",direction=[0.3,-1.0,0.6]}',
-    'outputs.lift={type="deformation",point="rod:hinge",axis="z"}',
-    "simulation.duration=0.1",
-    "reduction.static_modes=false",
-    "reduction.inertia_modes=false",
-)
+    'outputs.lift={type="deformation",point="rod:hinge",axis="z"}', "simulation.duration=0.1",
+    "reduction.static_modes=false", "reduction.inertia_modes=false",
+)  # fmt: skip
 RANGES = {
     "revolution": ("simulation.initial.theta={position=1.4,velocity=3.0}",),
     # an arc around the crossing with angles so close that both modes form a cluster at many of them
     "arc": (
-        "coordinates.theta.range=[1.5,1.9]",
-        "coordinates.theta.periodic=false",
-        "reduction.angles=21",
+        "coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
         "simulation.initial.theta={position=1.55,velocity=3.0}",
     ),
-}
+}  # fmt: skip
 
 
 def clusters(eigenvalues: np.ndarray) -> list[np.ndarray]:

@@ -1,7 +1,5 @@
 """Point masses on rigid bodies in space: welded there, with their mass, their arm and their moment of inertia."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Effects in space in the reduced model: virtual work, frames of the reconstruction, Newton, the full-order model."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Speeds against closed forms and differences of places and angles: in every model, in the plane and in space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

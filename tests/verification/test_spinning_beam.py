@@ -5,8 +5,6 @@ spin; their squares are the flapwise ones' less the spin's. The spin-up is that 
 J. Appl. Mech. 53 (1986) 855-863.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

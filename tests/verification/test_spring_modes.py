@@ -1,7 +1,5 @@
 """Vibrations on springs: closed forms, dense pencils with stiffness from differences, preload, reduced models."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said of runs whose start sets off vibrations, against closed forms of beams."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Static answers to the loads as further vectors of the basis: against a dense solve, orthogonality, continuity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -241,14 +239,9 @@ def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit
     from mpi4py import MPI
 
     scene = slider_crank(
-        GRAVITY,
-        STATIC,
-        "reduction.inertia_modes=true",
-        "bodies.crank.flexible=false",
-        "parameters={}",
-        "bodies.crank.section.radius=5.6e-3",
-        'bodies.crank.material="steel"',
-    )
+        GRAVITY, STATIC, "reduction.inertia_modes=true", "bodies.crank.flexible=false", "parameters={}",
+        "bodies.crank.section.radius=5.6e-3", 'bodies.crank.material="steel"',
+    )  # fmt: skip
     kinematics, n_modes, upright = kinematics_of(scene), 3, 0.5 * np.pi
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         effects = effects_of(scene, problem.mechanism)

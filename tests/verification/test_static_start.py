@@ -1,7 +1,5 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 
@@ -311,11 +309,7 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("coordinates", ["held", "free"])
 def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
-    """Hanging free, the crank is stretched by 5e-8 m only, and what a linear deformation leaves out is 2 % of that.
-
-    The modes turn the crank by psi against theta (9e-5 rad): a linear deformation, which lengthens it by
-    L (1 - cos psi) = 1.2e-9 m.
-    """
+    """Hanging free, the crank is stretched by 5e-8 m only, and what a linear deformation leaves out is 2 % of that."""
     entries = ('effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}', "reduction.static_modes=true",
                "reduction.modes=6", "reduction.angles=24", "simulation.duration=0.002", "simulation.step=1e-3",
                "simulation.initial.theta.position=0.5", TIP % "crank",

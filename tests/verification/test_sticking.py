@@ -1,7 +1,5 @@
 """Friction that sticks: runs reach their end with any step, and converge with it, against a stiff solver of scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effect_scenes import BLOCK, run_distributed, scene_of
@@ -12,7 +10,7 @@ from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.stepping.second_order_system import Scheme, State
 from scenes import tables
 
 LIMIT, SPEED, PUSH, RATE = 1.0, 1e-3, 1.6, 2.0 * np.pi * 4.0
@@ -108,6 +106,28 @@ def at_end(scene: Scene, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return run.status, system.unpack(run.state.q)[:, -1]
 
 
+def test_a_bar_that_bends_converges_to_its_own_equations() -> None:
+    """Radau on accelerations that one correction with the mass alone gives, through two reversals of the friction."""
+    duration, every = 0.06, np.ones(1, dtype=bool)
+    model = reduced_model(scene_from_toml(HINGE, ".", (f"simulation.duration={duration}",)))
+    system, only_mass = model.batch({}, 1), Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=1e30)
+    start, n = system.start(), system.n_eta
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        state = State(y[None, :n].copy(), y[None, n:].copy(), np.zeros((1, n)), np.zeros(0))
+        system.begin_iteration()
+        system.correct(t, state, only_mass, every, True)
+        return np.concatenate([y[n:], state.a[0]])
+
+    begin = np.concatenate([start.q[0], start.v[0]])
+    exact = solve_ivp(rates, (0.0, duration), begin, "Radau", rtol=1e-8, atol=1e-12).y[0, -1]
+    errors = []
+    for step in (5e-4, 1.25e-4, 3.125e-5):
+        simulation = model.scene.simulation.model_copy(update={"step": step})
+        errors.append(abs(integrate(model.batch({}, 1), simulation).state.q[0, 0] - exact) / abs(exact))
+    assert np.all(np.diff(np.log(errors)) < -np.log(12.0)) and errors[-1] < 1e-6, errors
+
+
 def test_a_light_hinge_converges_with_the_second_order() -> None:
     """The node of 1e-7 kg m2 sticks and slips; before, steps below 0.2 ms stopped."""
     ends = []
@@ -167,15 +187,10 @@ type = "gravity"
 def test_one_correction_is_not_enough_where_friction_changes(step: float) -> None:
     """How a step before contracted says nothing: a pendulum that comes to rest in its friction ended 3, 15 and 36 % off."""
     entries = (
-        "bodies.bar.line={length=0.6, elements=6}",
-        'bodies.bar.section={shape="circle", radius=0.005}',
-        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}",
-        "effects.f.limit=0.8",
-        "effects.f.speed=0.01",
-        "reduction.angles=24",
-        'reduction.interpolation="spline"',
-        "simulation.duration=1.0",
-    )
+        "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
+        "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",
+        "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=1.0",
+    )  # fmt: skip
     scene = scene_from_toml(PENDULUM, ".", (*entries, f"simulation.step={step}"))
     fine = scene_from_toml(PENDULUM, ".", (*entries, "simulation.step=1e-4"))
     model = ReducedModel(scene, built_rom(scene))

@@ -1,7 +1,5 @@
 """Stress outputs of all models, single and in ensembles, against statics, Kirsch's hole, and the mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -224,21 +222,15 @@ def spinning(element: str, *overrides: str) -> Scene:
     """Return a bar that turns about its end at a constant speed, 30 rad/s."""
     turning = (
         'effects={hold={type="prescribed_motion", coordinate="theta", spin_up={speed=30.0, time=0.4}}}',
-        "coordinates.theta.range=[0.0, 6.283185307179586]",
-        "coordinates.theta.periodic=true",
-        "initial.equilibrium=false",
-        "simulation.duration=0.6",
-        "simulation.step=1e-3",
-    )
+        "coordinates.theta.range=[0.0, 6.283185307179586]", "coordinates.theta.periodic=true",
+        "initial.equilibrium=false", "simulation.duration=0.6", "simulation.step=1e-3",
+    )  # fmt: skip
     return held(element, *turning, *overrides)
 
 
 @pytest.mark.parametrize(("element", "kind"), [("solid2d", "quad8"), ("beam2d", "")])
 def test_a_spinning_bar_is_pulled_by_centripetal_forces(element: str, kind: str) -> None:
-    """rho omega^2 (L^2 - x^2) / 2 at x: no joint's load does it, the answers to inertia forces have to.
-
-    One joint alone holds the bar, and nothing else names a point of it.
-    """
+    """rho omega^2 (L^2 - x^2) / 2 at x: no joint's load does it, the answers to inertia forces have to."""
     quantity = "principal_max" if kind else "stress_max"
     outputs = (asked("middle", quantity, "at=[0.5, 0.0]"), asked("far", quantity, "at=[0.8, 0.0]"))
     scene = spinning(element, *outputs, "reduction.modes=2")
@@ -399,11 +391,7 @@ def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None
 
 @pytest.mark.parametrize("modes", [1, 6])
 def test_few_component_modes_of_beams_have_the_section_forces_of_statics(modes: int) -> None:
-    """A slender cantilever in equilibrium under an oblique force at its tip: forces F and moments F (L - x).
-
-    What is left is what bends of second order, 1e-5. Of what stores 1e-5 of the energy forces in sections are made: the
-    shear force was 95 % off with one mode, and 18 % with six.
-    """
+    """A slender cantilever in equilibrium under an oblique force at its tip: forces F and moments F (L - x)."""
     tall, wide = 0.8, 0.6  # shares of the force of 2 N
     text = HEADER + tables(f"""
 bodies.bar: mesh = "0.0:0.6:8"; element = "beam3d"; material = "steel";

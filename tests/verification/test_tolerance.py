@@ -1,7 +1,5 @@
 """Tolerances are kept where nobody looked when the knobs were chosen: other parameters, loads, a much smaller step."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,11 +92,7 @@ def ten_thousandth() -> Chosen:
 
 @pytest.mark.parametrize("load", LOADS)
 def test_a_hundredth_of_all_outputs(hundredth: Chosen, load: str) -> None:
-    """Measured, of the deformation: 1.3e-3 to 2.1e-3 by the reduction, 4.5e-3 where the torque turns back.
-
-    With the step, 2.3e-3 to 6.8e-3. Where the torque turns back the deformation is small beside the vibrations that its
-    corner sets off: 1.6e-2, and only a run with a tolerance of its own finds the step for them.
-    """
+    """Measured, of the deformation: 1.3e-3 to 2.1e-3 by the reduction, 4.5e-3 where the torque turns back."""
     assert not np.isin(SHARES * RADIUS, spanning_values(hundredth.scene)[0]["r1"]).any()
     assert hundredth.errors(LOADS[load], 64, 64).max() < 1e-2
     if load != "reversed":

@@ -1,7 +1,5 @@
 """Tolerances of every kind of mechanism are kept on the mesh itself, at parameters and loads that took no part."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

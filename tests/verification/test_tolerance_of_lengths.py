@@ -1,7 +1,5 @@
 """Tolerances with lengths as parameters: chosen at the nominal length, checked at both ends of its range."""
 
-from __future__ import annotations
-
 import pytest
 from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
@@ -18,11 +16,9 @@ from pgmp_petsc.scene.lengths import length_names
 KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=8, length_points=2"
 OPEN = (
     f'reduction={{tolerance=0.1, {KNOBS}, interpolation="spline"}}',
-    'outputs={angle={type="angle", joint="crank_hinge"}}',
-    'reference.loads="own"',
-    "parameters.r1={nominal=5.6e-3}",
+    'outputs={angle={type="angle", joint="crank_hinge"}}', 'reference.loads="own"', "parameters.r1={nominal=5.6e-3}",
     "simulation.duration=0.02",
-)
+)  # fmt: skip
 
 
 def chosen(scene: Scene, said: list[str]) -> Choice:

@@ -1,7 +1,5 @@
 """Modes of mechanisms with two coordinates, and of clamped ones, against dense eigenproblems and closed forms."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

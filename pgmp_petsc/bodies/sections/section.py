@@ -53,11 +53,10 @@ class BeamSection:
     def terms(self, kind: str) -> dict[Monomial, tuple[float, ...]]:
         """Return the coefficients of ``"mass"`` or ``"stiffness"`` by monomial, zeros where one has it not."""
         sums = [dict(part.terms) for part in getattr(self, kind)]
-        return {monomial: tuple(part.get(monomial, 0.0) for part in sums) for monomial in dict.fromkeys(_in(sums))}
-
-
-def _in(sums: list[dict[Monomial, float]]) -> list[Monomial]:
-    return [monomial for part in sums for monomial in part]
+        return {
+            monomial: tuple(part.get(monomial, 0.0) for part in sums)
+            for monomial in dict.fromkeys([monomial for part in sums for monomial in part])
+        }
 
 
 class ShapedSection(SectionEntry):

@@ -24,12 +24,16 @@ where L, X and S are constant. In the unknowns ``xi = L^T u_i + X u_o`` and u_o 
     [ Y^T  Z ],     Z = M_oo - X^T Q - Q^T X + X^T C X.
 
 This is block Cholesky factorisation (Golub, Van Loan 2013, section 4.2.9), as stable as that of the whole matrix.
+
+The pencil (K, M) of a mechanism in the null space N of its constraints, sparse, over ranks, with PETSc and SLEPc.
+
+What a pencil offers is the same in both: `DensePencil` takes the small ones.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -37,7 +41,13 @@ from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs
+from pgmp_petsc.runtime.petsc import aij_matrix, times, transposed_times
+from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs, ShiftInvertSolver
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
 
 MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
 BLOCK = 64  # columns that LAPACK treats together
@@ -83,10 +93,7 @@ class DensePencil:
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
 
-        Raises
-        ------
-        RunError
-            If a factorisation fails, or a residual is too large.
+        Raises `RunError` if a factorisation fails, or a residual is too large.
         """
         what = f"eigenproblem at {where}"
         self.factor(what)
@@ -138,10 +145,7 @@ class DensePencil:
     def factor(self, what: str = "factorisation") -> None:
         """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
 
-        Raises
-        ------
-        RunError
-            If it is not positive definite.
+        Raises `RunError` if it is not positive definite.
         """
         what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
         if self._interior is None or not np.array_equal(outer, self._interior.outer):
@@ -264,10 +268,7 @@ class Interior:
     def of(cls, mass: np.ndarray, shifted: np.ndarray, outer: np.ndarray, what: str) -> Interior:
         """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs).
 
-        Raises
-        ------
-        RunError
-            If ``K - sigma M`` is not positive definite; `what` says of what.
+        Raises `RunError` if ``K - sigma M`` is not positive definite; `what` says of what.
         """
         inner = np.setdiff1d(np.arange(len(mass)), outer)
         ii, io, oo = np.ix_(inner, inner), np.ix_(inner, outer), np.ix_(outer, outer)
@@ -280,13 +281,7 @@ class Interior:
 
 
 def cholesky(matrix: np.ndarray, what: str) -> np.ndarray:
-    """Return the lower Cholesky factor.
-
-    Raises
-    ------
-    RunError
-        If the matrix is not positive definite, or not finite.
-    """
+    """Return the lower Cholesky factor. Raises `RunError` if the matrix is not positive definite, or not finite."""
     if not len(matrix):
         return matrix
     factor, failed = lapack.dpotrf(matrix, lower=1)
@@ -308,3 +303,110 @@ def backward(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
 def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Return the lower triangle of ``L^-1 A L^-T`` for that of a symmetric matrix; the other entries mean nothing."""
     return lapack.dsygst(matrix, factor, itype=1, lower=1)[0] if len(matrix) else matrix
+
+
+class SparsePencil:
+    """A pencil that ranks share; each has a range of rows. Collective on `comm`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        This rank's rows, shape (n_local, n_dofs).
+    comm
+        Ranks that share the pencil.
+
+    Attributes
+    ----------
+    shift
+        sigma, below all eigenvalues; see `shift_to`.
+    """
+
+    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: MPI.Comm) -> None:
+        self._comm, self._first = comm, comm.scan(mass.shape[0]) - mass.shape[0]
+        self._mass, self._stiffness = (aij_matrix(matrix, comm, mass.shape[0]) for matrix in (mass, stiffness))
+        self.shift = 0.0
+        self._null: PETSc.Mat | None = None
+        self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
+        self._signature = b""
+        self._solver: ShiftInvertSolver | None = None
+
+    def close(self) -> None:
+        """Destroy the PETSc objects."""
+        self._drop_reduced()
+        if self._solver is not None:
+            self._solver.close()
+        self._mass.destroy()
+        self._stiffness.destroy()
+
+    def norms(self) -> tuple[float, float]:
+        """Return the Frobenius norms of K and M."""
+        return self._stiffness.norm(), self._mass.norm()
+
+    def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
+        """Take another stiffness with the same pattern (this rank's rows); it holds from the next `move_to` on."""
+        self._stiffness.setValuesCSR(stiffness.indptr, stiffness.indices, stiffness.data)
+        self._stiffness.assemble()
+
+    def shift_to(self, shift: float, prefix: str) -> None:
+        """Solve with another shift, and with the PETSc options of a prefix."""
+        if self._solver is not None:
+            self._solver.close()
+        self.shift, self._solver = shift, ShiftInvertSolver(self._mass.getComm(), shift, prefix)
+
+    def move_to(self, null: NullSpace) -> None:
+        """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
+        n_local = self._mass.getLocalSize()[0]
+        rows = slice(self._first, self._first + n_local)
+        lo, hi = np.searchsorted(null.independent, (rows.start, rows.stop))
+        local = null.matrix[rows].tocsr()
+        signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()
+        if signature != self._signature:
+            self._drop_reduced()
+            self._signature = signature
+        if self._null is None:
+            self._null = aij_matrix(local, self._comm, int(hi - lo))
+            self._reduced = (self._stiffness.ptap(self._null), self._mass.ptap(self._null))
+            for matrix in self._reduced:
+                matrix.setOption(matrix.Option.SYMMETRIC, True)
+        else:
+            self._null.setValuesCSR(local.indptr, local.indices, local.data)
+            self._null.assemble()
+            self._stiffness.ptap(self._null, result=self._reduced[0])
+            self._mass.ptap(self._null, result=self._reduced[1])
+
+    def _drop_reduced(self) -> None:
+        if self._null is not None:
+            for matrix in (self._null, *self._reduced):
+                matrix.destroy()
+            self._null = self._reduced = None
+        if self._solver is not None:
+            self._solver.forget_pattern()
+
+    def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
+        """Compute the lowest eigenpairs, as `ShiftInvertSolver.solve`; vectors are ``N psi``, local rows."""
+        pairs = self._solver.solve(*self._reduced, n_rigid, n_flexible, where)
+        return EigenPairs(pairs.values, times(self._null, pairs.vectors), pairs.spare)
+
+    def factor(self) -> None:
+        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs."""
+        self._solver.factor(*self._reduced)
+
+    def count_below(self, tau: float) -> int:
+        """Return the number of eigenvalues below tau."""
+        return self._solver.count_below(*self._reduced, tau)
+
+    def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k), with the factor of the last solve."""
+        return times(self._null, self._solver.apply_inverse(self.felt(loads)))
+
+    def felt(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N^T`` times loads (n_local, k)."""
+        return transposed_times(self._null, loads)
+
+    def times_mass(self, vectors: np.ndarray) -> np.ndarray:
+        """Return M times local columns (n_local, k)."""
+        return times(self._mass, vectors)
+
+    def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
+        """Return K times local columns (n_local, k)."""
+        return times(self._stiffness, vectors)
