@@ -78,8 +78,7 @@ FEATURES = {
     "torque": ('effects.x={{type="torque",joint="{drive}",table=[[0.0,0.0],[1.0,1.0]],scale="strength"}}',),
     "force": ('effects.x={{type="force",point="{last}:tip",direction={down},table=[[0.0,0.1],[1.0,1.0]]}}',),
     "force that follows": (
-        'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',
-    ),
+        'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',),
     "force towards": (
         'effects.x={{type="force",point="{last}:tip",towards="ground:origin",harmonic='
         "{{amplitude=1.0,frequency_hz=3.0}}}}",
@@ -89,15 +88,12 @@ FEATURES = {
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
     "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),
     "friction of a point": (
-        'effects.x={{type="point_friction",point="{last}:tip",direction={down},limit=0.1,speed=0.1}}',
-    ),
+        'effects.x={{type="point_friction",point="{last}:tip",direction={down},limit=0.1,speed=0.1}}',),
     "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),
     "stop": ('effects.x={{type="end_stop",joint="{drive}",lower=-0.5,upper=0.7,stiffness=1e3,damping=0.1}}',),
     "free play": ('effects.x={{type="free_play",joint="{drive}",lower=-0.1,upper=0.1,stiffness=50.0,damping=0.1}}',),
-    "bushing": (
-        'effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
-        "damping={along}}}",
-    ),
+    "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
+        "damping={along}}}",),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
     "prescribed motion": ('effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}'),
@@ -116,10 +112,8 @@ FEATURES = {
     ),  # fmt: skip
     "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
-    "random field": (
-        'fields.x={{body="{last}",quantity="E",variation=0.1,length=1.0,terms=2}}',
-        'fields.y={{body="{last}",quantity="rho",variation=0.05,length=1.0,terms=1,distribution="uniform"}}',
-    ),
+    "random field": ('fields.x={{body="{last}",quantity="E",variation=0.1,length=1.0,terms=2}}',
+        'fields.y={{body="{last}",quantity="rho",variation=0.05,length=1.0,terms=1,distribution="uniform"}}',),
     "placement": ("bodies.{first}.placement={{origin={origin}}}",),
     "rotation": ('outputs.x={{type="rotation",point="{last}:tip"}}',),
     "distance": ('outputs.x={{type="distance",points=["ground:origin","{last}:tip"]}}',),
@@ -129,10 +123,8 @@ FEATURES = {
         'outputs.y={{type="speed",joint="{drive}"}}',
     ),  # fmt: skip
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
-    "stress": (
-        'outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
-        'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',
-    ),
+    "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
+        'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),
     "rigid first body": ("bodies.{first}.flexible=false",),
 }  # fmt: skip
 TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",

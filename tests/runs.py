@@ -153,6 +153,18 @@ def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.
     return np.array(times), {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
+def largest_errors(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return the largest difference of every output, as a share of its largest value."""
+    return {name: float(np.abs(found[name] - one).max() / np.abs(one).max()) for name, one in exact.items()}
+
+
+def assert_close(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray], **allowed: float) -> None:
+    """Check the largest difference of every output named, as a share of its largest value."""
+    errors = largest_errors(exact, found)
+    for name, share in allowed.items():
+        assert errors[name] < share, (name, errors)
+
+
 def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
     environment = os.environ | MPI_ENVIRONMENT

@@ -5,36 +5,11 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc import results
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.results import (
-    Band,
-    Chance,
-    Derivatives,
-    Design,
-    Ensemble,
-    EstimatedErrors,
-    Fit,
-    Frames,
-    MeshErrors,
-    ModesTable,
-    RareEvent,
-    References,
-    Sensitivity,
-    Statistics,
-    Times,
-    Tradeoff,
-    Trajectory,
-)
+from pgmp_petsc.results import gradients
 from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES, Place, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
-from pgmp_petsc.results.gradients import (
-    DEVIATION,
-    PERCENT,
-    DesignConstraint,
-    DesignParameter,
-    FittedOutput,
-    FittedParameter,
-)
 from pgmp_petsc.runtime.files import RunRecord
 from scenes import tables
 
@@ -50,7 +25,7 @@ def record(r1: float = 5.6e-3, seed: int | None = None) -> RunRecord:
     return RunRecord(SCENE, {"r1": r1}, seed, 2, {"eigenproblems": 1.25, "tables": 0.5})
 
 
-def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_times: int = 1001) -> Trajectory:
+def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_times: int = 1001) -> results.Trajectory:
     """Return a run that looks like the paper's; the reduced one is wrong by some per cent."""
     time = np.linspace(0.0, 1.0, n_times)
     angle = _angle(time, r1)
@@ -62,7 +37,7 @@ def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_ti
         "slider_position": _slider(angle),
         "slider_deformation": deformation * (1.0 + wrong * 0.04 * np.cos(9.0 * time)),
     }
-    return Trajectory(
+    return results.Trajectory(
         model=model,
         record=record(r1),
         time=time,
@@ -75,16 +50,16 @@ def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_ti
     )
 
 
-def errors(time: np.ndarray, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
+def errors(time: np.ndarray, outputs: dict[str, np.ndarray]) -> results.EstimatedErrors:
     """Return estimates of some per cent at every tenth instant."""
-    return EstimatedErrors(
+    return results.EstimatedErrors(
         time=time[::10],
         outputs={name: 0.03 * values[::10] * np.cos(7.0 * time[::10]) for name, values in outputs.items()},
         largest={name: float(np.abs(values).max()) for name, values in outputs.items()},
     )
 
 
-def frames(time: np.ndarray, r1: float = 5.6e-3, n_elements: int = 5) -> Frames:
+def frames(time: np.ndarray, r1: float = 5.6e-3, n_elements: int = 5) -> results.Frames:
     """Return shapes of crank and rod, bent like half a sine."""
     angle = _angle(time, r1)
     tilt = -np.arcsin(CRANK / ROD * np.sin(angle))
@@ -98,7 +73,7 @@ def frames(time: np.ndarray, r1: float = 5.6e-3, n_elements: int = 5) -> Frames:
         across = np.stack([-np.sin(direction), np.cos(direction)], axis=-1)[:, None, :]
         return origin[:, None, :] + length * s[:, None] * along + bend[..., None] * across
 
-    return Frames(
+    return results.Frames(
         time=time,
         positions={"crank": placed(0.0 * pin, CRANK, angle), "rod": placed(pin, ROD, tilt)},
         rotations={"crank": angle[:, None] + 0.0 * s, "rod": tilt[:, None] + 0.0 * s},
@@ -107,7 +82,7 @@ def frames(time: np.ndarray, r1: float = 5.6e-3, n_elements: int = 5) -> Frames:
     )
 
 
-def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed: int = 1) -> Ensemble:
+def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed: int = 1) -> results.Ensemble:
     """Return samples of r1 and what follows from them; the last ``n_failed`` samples failed."""
     random = np.random.default_rng(seed)
     r1 = random.normal(5.6e-3, 0.56e-3, n_samples)
@@ -124,7 +99,7 @@ def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed
         failure_time[-n_failed:] = 0.4
         for values in outputs.values():
             values[-n_failed:] = np.nan
-    return Ensemble(
+    return results.Ensemble(
         model=model,
         record=record(seed=seed),
         parameters={"r1": r1},
@@ -151,7 +126,7 @@ def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, 
     }
 
 
-def described(n_samples: int = 60) -> Ensemble:
+def described(n_samples: int = 60) -> results.Ensemble:
     """Return an ensemble with all that may be known of one."""
     plain = ensemble("reduced", n_samples)
     outputs = plain.outputs
@@ -163,7 +138,7 @@ def described(n_samples: int = 60) -> Ensemble:
         extremes=columns,
         first_passages={"late": np.full(n_samples, np.nan)},
         probabilities={
-            "late": Chance(
+            "late": results.Chance(
                 "crank_angle above 5 rad at any time", 3, 57, 3 / 57, np.array([0.01, 0.2]), 0.9, 0, 1e-3, 0.2
             )
         },
@@ -172,24 +147,24 @@ def described(n_samples: int = 60) -> Ensemble:
     )
 
 
-def band(probabilities: tuple[float, ...]) -> Band:
+def band(probabilities: tuple[float, ...]) -> results.Band:
     """Return an output over time whose samples spread evenly, by 1 at the end."""
     time = np.linspace(0.0, 1.0, 21)
     quantiles = np.sin(time)[:, None] + time[:, None] * (np.array(probabilities) - 0.5)
-    return Band(time, np.sin(time), time / np.sqrt(12.0), quantiles, np.array(probabilities), 40)
+    return results.Band(time, np.sin(time), time / np.sqrt(12.0), quantiles, np.array(probabilities), 40)
 
 
-def sensitivity(total: bool) -> Sensitivity:
+def sensitivity(total: bool) -> results.Sensitivity:
     """Return indices of two parameters, total ones where they are asked for."""
     first, above = np.array([0.7, 0.2]), np.array([0.75, 0.3])
     ends = np.array([-0.1, 0.1])
     of_total = (above, above[:, None] + ends) if total else (None, None)
-    return Sensitivity(
+    return results.Sensitivity(
         ("r1", "push"), "saltelli" if total else "given data", 64, 0.95, first, first[:, None] + ends, *of_total
     )
 
 
-def statistics(values: np.ndarray) -> Statistics:
+def statistics(values: np.ndarray) -> results.Statistics:
     """Return the statistics of the finite values; the others are missing."""
     fine = values[np.isfinite(values)]
     return describe(fine, 50, (0.05, 0.5, 0.95), values.size - fine.size)
@@ -199,51 +174,51 @@ INSTANTS = np.linspace(0.0, 1.0, 60)
 ANGLE, BEND = 5.0 * INSTANTS**2, 1e-4 * np.sin(5.0 * INSTANTS)
 
 
-def derivatives() -> Derivatives:
+def derivatives() -> results.Derivatives:
     """Return the derivatives of a run with two parameters."""
     found = {
         "crank_angle": {"r1": -300.0 * INSTANTS, "c": 2.0 * INSTANTS},
         "slider_deformation": {"r1": BEND, "c": 0.0 * INSTANTS},
     }
-    return Derivatives(
+    return results.Derivatives(
         record(), INSTANTS, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
         {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
-        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)}, np.diag([1.0, 0.0]),
+        {"r1": (0.56e-3, gradients.DEVIATION), "c": (2e-4, gradients.PERCENT)}, np.diag([1.0, 0.0]),
     )  # fmt: skip
 
 
-def fitted() -> Fit:
+def fitted() -> results.Fit:
     """Return a fit of two parameters, of which one is not identifiable."""
     outputs = {
-        "crank_angle": FittedOutput("rad", ANGLE + 1e-3, ANGLE, 0.9 * ANGLE, 1e-3, True),
-        "slider_deformation": FittedOutput("m", BEND + 1e-6, BEND, 0.5 * BEND, 1e-6, False),
+        "crank_angle": gradients.FittedOutput("rad", ANGLE + 1e-3, ANGLE, 0.9 * ANGLE, 1e-3, True),
+        "slider_deformation": gradients.FittedOutput("m", BEND + 1e-6, BEND, 0.5 * BEND, 1e-6, False),
     }
     parameters = (
-        FittedParameter("r1", "m", 5.6e-3, 6.001e-3, 4.8e-6, 1e-3, 12e-3),
-        FittedParameter("c", "1", 0.02, 0.03, np.inf, 1e-3, 0.1),
+        gradients.FittedParameter("r1", "m", 5.6e-3, 6.001e-3, 4.8e-6, 1e-3, 12e-3),
+        gradients.FittedParameter("c", "1", 0.02, 0.03, np.inf, 1e-3, 0.1),
     )
-    return Fit(record(), INSTANTS, outputs, parameters, np.eye(2), 20, True)
+    return results.Fit(record(), INSTANTS, outputs, parameters, np.eye(2), 20, True)
 
 
-def designed() -> Design:
+def designed() -> results.Design:
     """Return a design of one parameter under one constraint."""
     outputs = {"crank_angle": ANGLE, "slider_deformation": BEND}
-    return Design(
+    return results.Design(
         record(), "minimise max(abs(slider_deformation))", 1e-4, 5e-5,
-        (DesignParameter("r1", "m", 5.6e-3, 6.2e-3, 1e-3, 12e-3),),
-        (DesignConstraint("end(crank_angle) >= 4.5", -0.2, 0.0, True),),
+        (gradients.DesignParameter("r1", "m", 5.6e-3, 6.2e-3, 1e-3, 12e-3),),
+        (gradients.DesignConstraint("end(crank_angle) >= 4.5", -0.2, 0.0, True),),
         np.array([[5.6e-3], [6.4e-3], [6.2e-3]]), np.array([1e-4, 4e-5, 5e-5]), None, 1, INSTANTS, outputs, outputs,
         {"crank_angle": "rad", "slider_deformation": "m"}, True,
     )  # fmt: skip
 
 
-def rare_event(n: int = 6) -> RareEvent:
+def rare_event(n: int = 6) -> results.RareEvent:
     """Return a rare event of subset simulation; the last sample failed."""
     normal = np.linspace(1.0, 3.0, n)
     value, status = 5.0 + normal, np.where(np.arange(n) < n - 1, 0, 2)
     value[-1] = np.nan
     levels = np.array([5.5, 6.5])
-    return RareEvent(
+    return results.RareEvent(
         "reduced", record(seed=1), "end(crank_angle) > 6.5", "crank_angle", "rad", 0.95, 1e-4, np.array([5e-5, 2e-4]),
         0.3, 2e-4, 12.0, levels, np.array([0.1, 0.01]), np.array([1.0, 0.4]), (levels, np.array([1e-2, 1e-4])), ("r1",),
         normal[:, None], value, np.zeros(n), {"r1": 5.6e-3 + 5.6e-4 * normal}, status,
@@ -262,7 +237,7 @@ def shard(n: int = 4) -> ShardSamples:
     return ShardSamples("reduced", record(seed=1), place, {"crank_angle": "rad"}, (), (), 0.01, (), columns, bands)
 
 
-def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduced: bool = True) -> ModesTable:
+def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduced: bool = True) -> results.ModesTable:
     """Return frequencies in the bands of the paper's Fig. 2."""
     theta = np.linspace(0.0, 2 * np.pi, n_theta)
     low = np.array([49.0, 229.2, 277.0, 694.4, 1250.0, 1360.0])[:n_modes]
@@ -270,7 +245,7 @@ def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduce
     share = np.cos(theta[:, None] * np.array([2, 4, 2, 2, 2, 2])[:n_modes]) * 0.5 + 0.5
     growth = (r1 / 5.6e-3) ** np.array([0.3, 0.9, 1.0, 0.6, 1.0, 1.0])[:n_modes]
     full = (low + (high - low) * share) * growth
-    return ModesTable(record(r1), theta, full, full * 1.0005 if reduced else None)
+    return results.ModesTable(record(r1), theta, full, full * 1.0005 if reduced else None)
 
 
 def _angle(time: np.ndarray, r1: float) -> np.ndarray:
@@ -283,7 +258,9 @@ def _slider(angle: np.ndarray) -> np.ndarray:
     return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
 
 
-def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True, components: bool = False) -> Tradeoff:
+def tradeoff(
+    n_outputs: int = 2, surfaces: bool = True, refined: bool = True, components: bool = False
+) -> results.Tradeoff:
     """Return a study of few settings: the scene's own, three better ones, one that failed, the full order, surfaces,
     and component modes where they are asked for."""
     rows = [  # family, step, refinement, nodes, modes, static, angles, errors of both outputs, offline, batch, single
@@ -320,7 +297,7 @@ def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True, co
         "interpolation": np.where(reduced, "spline", "").astype(object),
         "coordinates": np.where(reduced, 1 + np.array(modes) + np.array(static), 36),
     }
-    return Tradeoff(
+    return results.Tradeoff(
         record=record(),
         units=dict(list({"crank_angle": "rad", "slider_deformation": "m"}.items())[:n_outputs]),
         test_values={"r1": np.linspace(4.3e-3, 6.9e-3, 8)},
@@ -330,12 +307,12 @@ def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True, co
         flags=tuple("" if row == 0 else f"--override reduction.modes={modes[row]}" for row in range(len(rows))),
         reasons=tuple("reduction.modes = 99: too many" if number == 99 else "" for number in modes),
         errors=np.column_stack([first, second])[:, :n_outputs],
-        wall=Times(*map(np.array, (offline, batch, single))),
-        processor=Times(*(0.5 * np.array(times) for times in (offline, batch, single))),
-        references=References(
+        wall=results.Times(*map(np.array, (offline, batch, single))),
+        processor=results.Times(*(0.5 * np.array(times) for times in (offline, batch, single))),
+        references=results.References(
             np.array([1, 2]), np.array([1e-5, 2e-5]), np.array([[1e-8, 3e-5], [1e-8, 3e-4]])[:, :n_outputs], ("", "")
         ),
-        mesh=MeshErrors(
+        mesh=results.MeshErrors(
             np.array([1, 2, 4]), np.array([10, 20, 40]), np.array([[2e-5, 1e-2], [5e-6, 3e-3], [0, 0]])[:, :n_outputs]
         ),
         batch=128,

@@ -24,7 +24,7 @@ from pgmp_petsc.bench.history import errors_between, floors_of, run_history, wit
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 

@@ -222,10 +222,8 @@ def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function],
     """Declare a function of the Python interface: it is checked and documented by what is said of its arguments, and of
     what it `gives`.
 
-    Raises
-    ------
-    TypeError
-        When the module is imported, if nothing is said of an argument, or something of one that it does not have.
+    Raises `TypeError` when the module is imported, if nothing is said of an argument, or something of one that it does
+    not have.
     """
 
     def declare(function: Function) -> Function:

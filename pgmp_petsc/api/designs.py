@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, numbers_by_name
-from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import Origin
+from pgmp_petsc.api.sources import Origin, keeping
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError

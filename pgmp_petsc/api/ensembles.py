@@ -15,12 +15,11 @@ import numpy as np
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
-from pgmp_petsc.api.keeping import Keeper, keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.requests import Correction, Request, Stopping, better_models, drawn_by, read_budget, read_part
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Origin
+from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Keeper, Origin, keeping
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard

@@ -95,10 +95,7 @@ class Contents:
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.
 
-        Raises
-        ------
-        InputError
-            If it is no whole result of this program.
+        Raises `InputError` if it is no whole result of this program.
         """
         from pgmp_petsc.results import READERS
         from pgmp_petsc.results.summary import origin_of, plain, summary_of
@@ -155,10 +152,7 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
     """Return the description of a result file of any kind; by one process.
 
-    Raises
-    ------
-    InputError
-        If what it holds does not fit together.
+    Raises `InputError` if what it holds does not fit together.
     """
     if scene:
         return found.record.scene_toml.rstrip()

@@ -135,8 +135,8 @@ def _draw(
     fps: float,
 ) -> list[str]:
     """Write the film and return what is to be said of it; by one process."""
-    from pgmp_petsc.figures.films import Pace, write_film  # matplotlib takes a noticeable time
     from pgmp_petsc.figures.motion import motion_of, vibration_of
+    from pgmp_petsc.figures.solids import Pace, write_film  # matplotlib takes a noticeable time
     from pgmp_petsc.results import Trajectory
 
     if shape is None:

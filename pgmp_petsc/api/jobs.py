@@ -13,11 +13,11 @@ from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ensembles import montecarlo
-from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.modes import build
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.api.sources import keeping
 from pgmp_petsc.bench.finished import Price, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape

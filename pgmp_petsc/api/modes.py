@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
-from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SCENE, directory_of, model_of_rom, scene_and_meshes
+from pgmp_petsc.api.sources import SCENE, directory_of, keeping, model_of_rom, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene

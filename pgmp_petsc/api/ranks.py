@@ -34,10 +34,7 @@ _seen_to: list[str] = []
 def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
     """Return the ranks of a call: those that are given, else COMM_WORLD where it has several, else COMM_SELF.
 
-    Raises
-    ------
-    InputError
-        If it is no communicator of mpi4py.
+    Raises `InputError` if it is no communicator of mpi4py.
     """
     world = start_mpi()
     if comm is None:

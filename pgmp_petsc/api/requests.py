@@ -18,7 +18,7 @@ from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
+from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -78,6 +78,8 @@ class Correction:
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
     """Return better models, the best first; the same on all ranks.
 
+    Raises `InputError` if models or numbers are in no order that makes sense.
+
     Parameters
     ----------
     wanted
@@ -86,11 +88,6 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
         Name of the ensemble's own model.
     n_samples
         Number of its samples, None where it is to be chosen.
-
-    Raises
-    ------
-    InputError
-        If models or numbers are in no order that makes sense.
     """
     if not wanted:
         return []
@@ -124,17 +121,14 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 def better_models(wanted: Sequence[Correction], own: Model, source: object, comm: MPI.Comm) -> list[Better]:
     """Return the models that are asked for. Collective on `comm`.
 
+    Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
+
     Parameters
     ----------
     own
         The ensemble's own model.
     source
         What messages call that which it is from.
-
-    Raises
-    ------
-    InputError
-        If meshes are not at hand, or a model cannot have what the scene has.
     """
     if not wanted:
         return []

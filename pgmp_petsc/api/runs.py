@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import OPTIONAL_OUTPUT, Argument, command, interface
-from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SOURCE, AnySource, Origin
+from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 from pgmp_petsc.studies.simulate import simulate as simulated

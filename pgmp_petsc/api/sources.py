@@ -1,20 +1,25 @@
-"""Sources of a call: a reduced model or a scene that a program holds, or the file of one."""
+"""Sources of a call: a reduced model or a scene that a program holds, or the file of one.
+
+The file of a result, which is claimed before long work and written after it, and the ranks that get the result.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.api.declared import Argument
-from pgmp_petsc.api.ranks import tell, tell_remarks
-from pgmp_petsc.api.result import Rom
+from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
+from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.api.scenes import changed
 from pgmp_petsc.models import Model
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.claims import check_folder, claimed, form_of, is_table
+from pgmp_petsc.runtime.errors import InputError, Remark
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import (
     PURPOSES,
@@ -33,6 +38,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.bodies.shape import BodyShape
     from pgmp_petsc.mechanism.capabilities import Purpose
     from pgmp_petsc.reduction.rom import ReducedOrderModel
+
 
 Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
@@ -80,12 +86,8 @@ class Origin:
         """Return the model, with the step of its scene. Collective on `comm`.
 
         `check` refuses scenes for reasons of the caller's own, who tells their remarks where they are not `told` here;
-        it may return another scene to take.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or has what its kind of model cannot have.
+        it may return another scene to take. Raises `InputError` if it cannot be read, or has what its kind of model
+        cannot have.
         """
         rom, meshes = None, {}
         if self.model == REDUCED and isinstance(self.source, Rom):
@@ -115,10 +117,7 @@ def scene_and_meshes(
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a scene, of a file or of a program, with other entries, and its meshes. Collective on `comm`.
 
-    Raises
-    ------
-    InputError
-        If it is none, or has what the purpose cannot do with it.
+    Raises `InputError` if it is none, or has what the purpose cannot do with it.
     """
     if isinstance(source, (str, PathLike)):
         return read_scene(Path(source), overrides, settings, comm, purpose)
@@ -156,3 +155,78 @@ def _check_model(source: object, name: str | None) -> None:
         raise InputError(
             f"model = {name!r}: of a scene there are {known}; for the reduced one give what pgmp.build(scene) returns"
         )
+
+
+@dataclass(frozen=True)
+class Keeper:
+    """Destination of a result: its file, its picture, and the ranks that get it."""
+
+    kind: str  # of the result
+    comm: MPI.Comm  # the ranks that make it
+    #: output, target: its file as it was named, and with its full path; None where there is none
+    output: Path | None
+    target: Path | None
+    on_all_ranks: bool  # whether all ranks get it; else the first alone, whose columns may stay in a file
+    plot: Path | None = None  # folder for its picture; None where there is none
+
+    def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
+        """Return the result of what the first rank has, written where that is asked for. Collective on `comm`.
+
+        Its remarks are printed, except those in `said`, which were printed before. Raises `RunError` if the system
+        fails to write.
+        """
+
+        def writing_the_result() -> None:
+            from pgmp_petsc.results.summary import write_result  # loads h5py, which without a file nobody needs
+
+            write_result(data, self.output)
+
+        def handing_out_the_result() -> Any:
+            return in_memory(data)
+
+        def drawing_the_result() -> str:
+            from pgmp_petsc.figures.collection import draw_result  # matplotlib takes a noticeable time
+
+            return draw_result(data, self.plot)
+
+        if self.output is not None:
+            on_root(self.comm, writing_the_result)
+        if self.plot is not None:
+            tell(self.comm, on_root(self.comm, drawing_the_result))
+        if self.on_all_ranks:
+            data = on_root(self.comm, handing_out_the_result)
+        elif self.comm.rank > 0:
+            data = None
+        # of a table nothing can be read again
+        path = None if self.target is None or is_table(self.target) else self.target
+        found = (Rom if self.kind == "rom" else Result)(self.kind, data, self.comm, directory, path)
+        if data is not None:
+            tell_remarks(self.comm, (remark for remark in found.remarks if remark not in said), RESULT)
+        return found
+
+
+@contextmanager
+def keeping(
+    kind: str,
+    comm: MPI.Comm,
+    output: str | PathLike[str] | None,
+    on_all_ranks: bool,
+    inputs: Iterable[str | PathLike[str] | None] = (),
+    plot: str | PathLike[str] | None = None,
+) -> Iterator[Keeper]:
+    """Claim the file of a result, and yield what keeps it. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, may not be replaced, or is one of the `inputs`; or the folder for the picture
+        cannot be made.
+    """
+    own, folder = (None if path is None else Path(path) for path in (output, plot))
+    if folder is not None:
+        on_root(comm, check_folder, folder, own)
+    if own is None:
+        yield Keeper(kind, comm, None, None, on_all_ranks, folder)
+        return
+    with claimed(comm, own, form_of(own, kind), inputs) as target:
+        yield Keeper(kind, comm, own, target, on_all_ranks, folder)

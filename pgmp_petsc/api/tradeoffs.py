@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
-from pgmp_petsc.api.keeping import keeping
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SCENE, directory_of, scene_and_meshes
+from pgmp_petsc.api.sources import SCENE, directory_of, keeping, scene_and_meshes
 from pgmp_petsc.bench.candidates import FULL, QUICK
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff

@@ -54,7 +54,7 @@ from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.alpha_step import n_first_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status

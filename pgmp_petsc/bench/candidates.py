@@ -51,7 +51,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 
 # s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for
 # terms of second order, and each of their pairs; of a step of a sample besides its tables, of a multiplication of its

@@ -28,7 +28,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation
-from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 OWN = "own"  # name of the scene's own loads

@@ -12,7 +12,7 @@ of the tolerance (`errors.Ledger`).
 Of scenes whose lengths or places are parameters a tolerance is met by runs of one mechanism. What it leaves open is
 chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the others
 nominal, and together. That all models between them are as good follows from how smooth they are in a length, which
-every build measures (`reduction.length_build`).
+every build measures (`reduction.length_family`).
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import extremes, length_names, with_numbers
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:

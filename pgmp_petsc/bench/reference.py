@@ -33,8 +33,7 @@ from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.inertia_moments import rigid_motions
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.components.floating_frames import floating_shapes
+from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -36,7 +36,7 @@ from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 
 if TYPE_CHECKING:

@@ -54,7 +54,7 @@ from pgmp_petsc.runtime.progress import progress, without_progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.lengths import length_names, with_numbers
+from pgmp_petsc.scene.uses import length_names, with_numbers
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -183,6 +183,11 @@ class Body(ABC):
         return False
 
     @property
+    def curved_strains(self) -> np.ndarray | None:
+        """See `Recovery.curved`; None where nothing of the kind is known, or needed."""
+        return None
+
+    @property
     def extent(self) -> float:
         """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
         return float(np.max(np.ptp(self.shape.nodes, axis=0)))

@@ -19,8 +19,8 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material
-from pgmp_petsc.scene.effect_checks import points_used
 from pgmp_petsc.scene.messages import toml_text
+from pgmp_petsc.scene.references import points_used
 
 ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the axis that its section is scaled about
 

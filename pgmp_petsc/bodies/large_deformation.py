@@ -102,6 +102,11 @@ class FieldsOnCells:
 
     def third(self) -> dict[Monomial, np.ndarray]:
         """Return W3 by weight, shape (n, n, n)."""
+        n = self._fields.shape[2]
+        return {weight: cyclic(part, n) for weight, part in self.of_pairs().items()}
+
+    def of_pairs(self) -> dict[Monomial, np.ndarray]:
+        """Return ``int E''[u_i, u_j] : C : E'[u_k] dV`` by weight, pairs i >= j packed, shape (n (n + 1) / 2, n)."""
         d, n = self._fields.shape[1:]
         axes, n_pairs = np.tril_indices(d), n * (n + 1) // 2
         found: dict[Monomial, np.ndarray] = {}
@@ -113,7 +118,7 @@ class FieldsOnCells:
             for weight, own in self._solid.profiles.stiffness.over(by_cell, cells).items():
                 part = strains.reshape(-1, n_pairs).T @ own.reshape(-1, n)
                 found[weight] = found.get(weight, 0.0) + part
-        return {weight: _cyclic(part, n) for weight, part in found.items()}
+        return found
 
     def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Return ``W3[., v_i, v_j]`` of the fields ``v = sum_a vectors[a] u_a`` at parameter values.
@@ -226,7 +231,7 @@ def _fill_strains(gradients, strains):
                 pair += 1
 
 
-def _cyclic(packed: np.ndarray, n: int) -> np.ndarray:
+def cyclic(packed: np.ndarray, n: int) -> np.ndarray:
     """Return the sum of ``G[ij, k]``, packed over i >= j, over the three places of k, symmetric to the last bit."""
     i, j = np.tril_indices(n)
     whole = np.empty((n, n, n))

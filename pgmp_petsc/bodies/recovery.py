@@ -31,6 +31,11 @@ class Recovery:
     shapes: np.ndarray
     #: whether the shapes hold the body's static answers to its own inertia forces, as stress outputs ask for
     answered: bool = True
+    #: of pairs i >= j of coordinates those whose linear strains stand for ``E''_ij = sym(grad u_i^T grad u_j)``:
+    #: against all fields T of the shapes they balance these, ``T^T K T curved_ij = int E''_ij : C : E'[T] dV``. Strains
+    #: of second order are those of a motion's curvature and of these together; what T has not of them the body relieves
+    #: itself. Shape (n (n + 1) / 2, n); None where terms of second order in the body are not known
+    curved: np.ndarray | None = None
 
     @property
     def mesh(self) -> SolidMesh | LineMesh:

@@ -28,8 +28,8 @@ from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import points_used
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
+from pgmp_petsc.scene.references import points_used
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.kinds.beam import Beam

@@ -14,15 +14,19 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC
 from pgmp_petsc.effects.time_function import Piece
-from pgmp_petsc.mechanism.statements import CODE, KINDS
+from pgmp_petsc.mechanism import statements
+from pgmp_petsc.mechanism.statements import KINDS
+from pgmp_petsc.reduced import lagrangian
 from pgmp_petsc.runtime.claims import check_output, locked
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
 PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
-COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part != "statements"), "main.c")
+PRINTED = {"lagrangian": lagrangian, "statements": statements}
+COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
+PRINTED_HEAD = f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n'
 PER_LINE = 6
 
 
@@ -30,7 +34,7 @@ def sources_of(constants: Constants) -> dict[str, str]:
     """Return the text of every file of a model in C by its name."""
     return {
         **{name: read_common(name) for name in COMMON},
-        "statements.c": f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n{CODE.C}',
+        **{f"{name}.c": PRINTED_HEAD + module.CODE.C for name, module in PRINTED.items()},
         "sizes.h": _sizes(constants),
         "tables.c": _tables(constants),
     }

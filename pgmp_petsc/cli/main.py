@@ -21,11 +21,10 @@ import click
 from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyGroup, found_commands
 from pgmp_petsc.cli.session import Session
-from pgmp_petsc.runtime.ending import LastingOutput, descriptor_of, release_petsc
+from pgmp_petsc.runtime.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason, visible
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.progress import beating
-from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -40,8 +40,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.petsc import aij_matrix, times
 from pgmp_petsc.runtime.resources import give_back
-from pgmp_petsc.solvers.shift_invert import check_complete, check_residuals
-from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
+from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -443,7 +443,7 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
     bent, curved = np.zeros((n_frames, d, n, n)), {}
     if component.foreshortening is not None:
         bent, curved = foreshortened(component.foreshortening, shapes, moments)
-    kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
+    kept = component.recovery and replace(component.recovery, shapes=component.recovery.shapes @ modes, curved=None)
     return FloatingBody(
         component.frames,
         component.centres,

@@ -6,37 +6,61 @@ Condensing a body takes its assembly, two factorisations (one for solves, one th
 keeps nothing) and solves in blocks: those of the modes and of the frames' answers, round by round, all columns at once,
 which take little longer than one: a solve waits for the factor to come from memory, or from files. Time and memory of
 bodies of the same kind grow with their unknowns, a little faster for bulky ones; they are taken as proportional here.
+
+Flexible bodies in floating frames: what is left of a mesh is moments, a stiffness and the shapes at its frames.
+
+A continuum body's fields are those that it is condensed to (`component_modes`): they answer its frames whatever these
+are joined to. A body of beams has its lowest free modes and what its frames' forces do beyond them
+statically. In both cases the fields are turned to free modes, which are orthogonal to the rigid motions in the mass at
+nominal parameters, and these are left out: the frame makes them (`bodies.floating`). Bodies that follow their
+foreshortening have fields that answer the inertia forces of rigid motion too.
 """
 
 from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from scipy.linalg import eigh
 
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, rigid_component
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
+from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
+from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
-from pgmp_petsc.components.component_modes import condense, in_floating_frame, own_nodes
-from pgmp_petsc.components.large_deformation import with_second_order
+from pgmp_petsc.components.component_modes import (
+    condense,
+    foreshortened,
+    free_modes,
+    in_floating_frame,
+    own_nodes,
+    weighted_sum_dense,
+)
+from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings, free_share
+from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import stressed_bodies
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.references import points_used, stressed_bodies
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -231,3 +255,210 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
     share = sum(solid.n_nodes for solid in solids.values()) / mesh.n_nodes
     peak = comm.allreduce(1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     return Trial(name, meshed.solid.n_dofs, assembly, factorisation, solve, BESIDE * peak, share * largest)
+
+
+NOT_SLENDER = "leave geometric_stiffening out, or take pgmp simulate --full"
+DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the square of what is new
+
+
+def floating_shapes(
+    scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: MPI.Comm
+) -> dict[str, BodyShape]:
+    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
+
+    Raises `RunError` if an eigenproblem fails; on all ranks, whichever rank met it.
+
+    Parameters
+    ----------
+    shapes
+        By the name of the body.
+    bodies
+        That were made of them.
+    """
+    flexible = [body for body in bodies if body.flexible]
+    own, found = flexible[comm.rank :: comm.size], {}
+    with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
+        for body in own:
+            found[body.name] = _in_floating_frame(scene, replace(body.alone(), lumps={}), shapes[body.name])
+            bar.update()
+    done = dict(shapes)
+    for part in comm.allgather(found):
+        done.update(part)
+    return done
+
+
+def _in_floating_frame(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
+    points = points_used(scene, body.name)
+    if not body.to_condense:
+        return _of_beams(scene, body, points)
+    # not the mechanism's own, whose mesh has the cross-section of one sample already
+    return _of_solid(scene, framed_solid(scene, body.name, shape))
+
+
+def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
+    """Condense a body on its mesh, and put it into a floating frame."""
+    if scene.static_stiffening:
+        check_slender(scene, meshed, NOT_SLENDER)
+    n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
+    component, recovery, _ = condense(
+        meshed.solid,
+        meshed.frames,
+        serving_points(scene, meshed),
+        n_modes,
+        alone(),
+        stressed=stressed,
+        large=scene.static_stiffening,
+    )
+    if scene.static_stiffening:
+        component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
+    return in_floating_frame(component, scene.nominal)
+
+
+def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
+    """Put a body of beams into a floating frame."""
+    matrices, per_node = assemble([body], range(body.dofs.size)), body.node_dofs
+    mass, stiffness = (
+        {weight: matrix.toarray() for weight, matrix in terms.items()} for terms in (matrices.mass, matrices.stiffness)
+    )
+    held = np.array([body.mesh.point(point, blame) for point, blame in points.items()])
+    loads = np.zeros((body.dofs.size, per_node * held.size))
+    loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
+    total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
+    stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
+    if stressed or scene.static_stiffening:  # inertia forces of rigid motion
+        fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
+        loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
+    values, vectors = eigh(total, total_mass)
+    n_modes = scene.reduction.modes + scene.n_overconstrained
+    basis = _answering(values, vectors, loads, per_node, n_modes, by_energy=stressed)
+    # torsion moves no node: of rotations what they move at the body's extent
+    moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
+    elastic = free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d)
+    modes = basis @ (elastic / np.max(np.abs(moved @ elastic), axis=0))
+    shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
+    frames = {point: number for number, point in enumerate(points)}
+    reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
+    moments, n = _moments_of_beams(body, modes), modes.shape[1]
+    bent, curved = np.zeros((held.size, d, n, n)), {}
+    if scene.static_stiffening:
+        third, *resistance = _energy_of_beams(body, modes, scene.nominal)
+        curvature = foreshortening(contraction_of(third), *resistance)
+        bent, curved = foreshortened(curvature, shapes, moments)
+        for weight, part in _turned_sections(body, modes).items():
+            curved[weight] = curved.get(weight, 0.0) + part
+    kept = Recovery(body, modes, stressed)
+    return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
+
+
+def _energy_of_beams(
+    body: Body, modes: np.ndarray, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the third derivative of the strain energy (n, n, n), the stiffness, and what of it resists stretching (n,
+    n) of fields of a body of beams."""
+    everywhere, n = range(body.dofs.size), modes.shape[1]
+    rows, columns = np.tril_indices(n)
+    third = np.empty((n, n, n))
+    forces = modes.T @ ThirdDerivative([body], everywhere).weighted(modes, (rows, columns), values)
+    third[:, rows, columns] = third[:, columns, rows] = forces
+    whole = assemble([body], everywhere).stiffness
+    stiffness = weighted_sum_dense(whole, values)
+    stretching = axial_stiffness([body], everywhere, values)
+    return third, modes.T @ (stiffness @ modes), modes.T @ (stretching @ modes)
+
+
+def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
+    """Return displacement fields (n_nodes, d, k) of beams as unknowns (n_nodes per_node, k) without rotations."""
+    n_nodes, d, k = fields.shape
+    nodal = np.zeros((n_nodes, per_node, k))
+    nodal[:, :d] = fields
+    return nodal.reshape(n_nodes * per_node, k)
+
+
+def _answering(
+    values: np.ndarray, vectors: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int, *, by_energy: bool
+) -> np.ndarray:
+    """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
+    balanced by inertia forces, from all eigenvalues and modes.
+
+    What is missed is measured in the mass, or by its strain energy: forces in sections are made of what hardly moves.
+    """
+    kept = min(n_rigid + n_modes, values.size)
+    amplitudes = vectors.T @ loads
+    elastic = amplitudes[n_rigid:]
+    # forces that balance inertia forces of rigid motion alone deform nothing
+    deforming = np.linalg.norm(elastic, axis=0) > DEPENDENT * np.linalg.norm(amplitudes, axis=0)
+    answers = elastic[:, deforming] / values[n_rigid:, None]
+    measured = np.sqrt(values[n_rigid:, None]) if by_energy else np.ones((values.size - n_rigid, 1))
+    # a beam is far stiffer along than across: each answer counts by itself
+    missed = answers[kept - n_rigid :] / np.linalg.norm(measured * answers, axis=0)
+    sizes = measured[kept - n_rigid :] * missed
+    squares, directions = eigh(sizes.T @ sizes)
+    added = missed @ directions[:, squares > DEPENDENT]
+    return np.hstack([vectors[:, :kept], vectors[:, kept:] @ (added / np.linalg.norm(added, axis=0))])
+
+
+def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n).
+
+    A point at the place ``sum_s eta_s t_s`` of a section moves with ``u + sum_s eta_s phi x t_s``: scalar fields are
+    ``a + sum_s eta_s b_s`` with a linear between the nodes, and b from the rotations there; the section's moments are
+    those of 1 and of eta_s.
+    """
+    mesh, n, d = body.mesh, modes.shape[1], body.mesh.nodes.shape[1]
+    by_node, spins = modes.reshape(mesh.n_nodes, body.node_dofs, n), _spins(body, modes)
+    shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])
+    consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+    found: dict[Monomial, np.ndarray] = {}
+    terms = body.sections("mass")
+    for number, (nodes, length, across) in enumerate(zip(mesh.cells, mesh.lengths, _across(body))):
+        fields = [shared[nodes]]
+        for t in across:
+            turned = np.cross(spins[nodes], t, axisa=1, axisb=0)
+            at_rest = np.hstack([np.zeros((2, 1)), np.tile(t[:d], (2, 1))])
+            fields.append(np.hstack([at_rest, *(turned[..., k] for k in range(d))]))
+        for weight, coefficients in terms.items():
+            for coefficient, field in zip(coefficients[number], fields):
+                if coefficient:
+                    part = coefficient * length * (field.T @ consistent @ field)
+                    found[weight] = found.get(weight, 0.0) + part
+    return found
+
+
+def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return ``int rho X_k chi_l`` of sections that turn to second order, by weight, shape (d, d, n, n).
+
+    A rotation vector takes t to ``t + phi x t + 1/2 phi x (phi x t)``; directors are linear between the nodes.
+    """
+    d, n = body.mesh.nodes.shape[1], modes.shape[1]
+    spins = _spins(body, modes).swapaxes(1, 2)
+    products = np.einsum("aic,ajc->aij", spins, spins)
+    found: dict[Monomial, np.ndarray] = {}
+    terms = body.sections("mass")
+    for number, (nodes, length, across) in enumerate(zip(body.mesh.cells, body.mesh.lengths, _across(body))):
+        for weight, coefficients in terms.items():
+            for coefficient, t in zip(coefficients[number, 1:], across):
+                if not coefficient:
+                    continue
+                along = spins[nodes] @ t
+                mixed = np.einsum("ai,ajl->lij", along, spins[nodes])
+                # 1/2 (a x (b x t) + b x (a x t)) = 1/2 ((a.t) b + (b.t) a) - (a.b) t
+                turned = 0.5 * (mixed + mixed.swapaxes(1, 2)) - np.multiply.outer(t, products[nodes].sum(axis=0))
+                part = 0.5 * coefficient * length * np.multiply.outer(t[:d], turned[:d])
+                found[weight] = found.get(weight, np.zeros((d, d, n, n))) + part
+    return found
+
+
+def _spins(body: Body, modes: np.ndarray) -> np.ndarray:
+    """Return the rotation vectors of all nodes of fields of a body of beams, shape (n_nodes, 3, n)."""
+    d, n = body.mesh.nodes.shape[1], modes.shape[1]
+    turns = modes.reshape(body.n_nodes, body.node_dofs, n)[:, d:]
+    return turns if d == 3 else np.insert(turns, 0, np.zeros((2, 1, n)), axis=1)
+
+
+def _across(body: Body) -> np.ndarray:
+    """Return the directions across the elements of a body, in the order of their moments, (n_elements, 2 or 1, 3)."""
+    if body.mesh.nodes.shape[1] == 3:
+        # rho I_2 is the moment of what lies along t_3, and rho I_3 of what lies along t_2
+        return body.axes.swapaxes(1, 2)[:, [2, 1]]
+    along = np.diff(body.mesh.nodes[body.mesh.cells], axis=1)[:, 0] / body.mesh.lengths[:, None]
+    return np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])[:, None]

@@ -32,7 +32,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, stretching_of
+from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, cyclic, stretching_of
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import elastic_modes, own_nodes, weighted_sum_dense
 
@@ -106,8 +106,14 @@ def with_second_order(
     stretching, slenderness = fields.stretching(), fields.axis.slenderness
     third = partial(fields.third_with, values=nominal)
     if all_fields:
-        large = LargeDeformation(fields.third(), stretching, slenderness)
-        component, third = replace(component, large=large), contraction_of(weighted_sum_dense(large.third, nominal))
+        of_pairs = fields.of_pairs()
+        whole = {weight: cyclic(part, recovery.shape[1]) for weight, part in of_pairs.items()}
+        large, third = (
+            LargeDeformation(whole, stretching, slenderness),
+            contraction_of(weighted_sum_dense(whole, nominal)),
+        )
+        kept = component.recovery and replace(component.recovery, curved=curved_strains(component, of_pairs, nominal))
+        component = replace(component, large=large, recovery=kept)
     if not fields.axis.is_long:
         return component
     modes = elastic_modes(component, nominal)
@@ -118,6 +124,22 @@ def with_second_order(
         lambda vectors: np.tensordot(modes.T, third(modes @ vectors), 1), stiffness, resisting, n_followed
     )
     return replace(component, foreshortening=followed)
+
+
+def curved_strains(
+    component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
+) -> np.ndarray:
+    """Return the unknowns whose linear strains stand for those of second order of pairs of fields; see `Recovery`.
+
+    Parameters
+    ----------
+    of_pairs
+        As of `FieldsOnCells.of_pairs`.
+    """
+    modes = elastic_modes(component, nominal)
+    stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
+    forces = weighted_sum_dense(of_pairs, nominal) @ modes
+    return np.linalg.solve(stiffness, forces.T).T @ modes.T
 
 
 class FieldsOnRanks:
@@ -145,9 +167,9 @@ class FieldsOnRanks:
         self.axis, self._comm = LongAxis(solid), comm
         self._on_cells = FieldsOnCells(solid, own, np.searchsorted(wanted, mesh.cells[own]), fields)
 
-    def third(self) -> dict[Monomial, np.ndarray]:
-        """Return W3 by weight, shape (n, n, n)."""
-        return _summed(self._on_cells.third(), self._comm)
+    def of_pairs(self) -> dict[Monomial, np.ndarray]:
+        """Return what W3 is the cyclic sum of; see `FieldsOnCells.of_pairs`."""
+        return _summed(self._on_cells.of_pairs(), self._comm)
 
     def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Return ``W3[., v_i, v_j]``; see `FieldsOnCells.third_with`."""

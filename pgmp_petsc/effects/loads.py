@@ -30,10 +30,10 @@ from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import apart_problems, load_problems
 from pgmp_petsc.scene.effects import EffectEntry, OverTime
 from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Point, Unit, exactly_one, refusal
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.references import apart_problems, load_problems
 from pgmp_petsc.scene.unit_systems import SI, unit_system
 
 GROUND_ORIGIN = "ground:origin"

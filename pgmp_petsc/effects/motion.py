@@ -20,10 +20,10 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, harmonic
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import harmonic_problems, unknown
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable, exactly_one, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
+from pgmp_petsc.scene.references import harmonic_problems, unknown
 
 
 class PrescribedMotion(Driving):

@@ -26,7 +26,7 @@ from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
-from pgmp_petsc.reduction.served_range import outside_of
+from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
@@ -37,7 +37,7 @@ from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.drivers import check_ts_options
 
 if TYPE_CHECKING:

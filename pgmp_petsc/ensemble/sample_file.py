@@ -19,7 +19,7 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.runtime.files import csv_table
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import ordered_ends
 
 OPTION = "--samples"

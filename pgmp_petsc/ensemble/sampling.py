@@ -34,8 +34,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.parameters import variables_of
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends
 
 POOL = 4  # words

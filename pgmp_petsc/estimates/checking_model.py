@@ -37,9 +37,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import in_floating_frame
 from pgmp_petsc.effects import effects_of, motions_of
-from pgmp_petsc.estimates.reference_motion import ReferenceMotion
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.estimates.sampled_load import SampledMotion, sampled_effects
-from pgmp_petsc.estimates.schedule import Schedule
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel

@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
-from pgmp_petsc.estimates.reference_motion import ReferenceMotion
-from pgmp_petsc.estimates.schedule import (
+from pgmp_petsc.estimates.reference_motion import (
     AGREED,
     FINER,
     UNSURE,
     UNSURE_WITH_OTHERS,
+    ReferenceMotion,
     Schedule,
     differences,
     kept_steps,

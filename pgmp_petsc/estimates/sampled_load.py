@@ -40,7 +40,7 @@ from pgmp_petsc.models.model import AT_REST, search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
-from pgmp_petsc.scene.effect_checks import parts_of
+from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle
 

@@ -25,10 +25,10 @@ from functools import reduce
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.beam3d import rest_strains, strains_of
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import length_share
-from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.estimates.validity_kernel import Kept, Places, Weights, look_at, look_at_planar_beam
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -16,8 +16,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from pgmp_petsc.reduced.kernel import gather
-from pgmp_petsc.reduction.mode_changes import StiffnessChanges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store

@@ -38,6 +38,7 @@ from pgmp_petsc.figures.style import (
     distinct_colours,
     heading,
     new_figure,
+    panel_grid,
     span,
     styled,
     top_legend,
@@ -51,6 +52,7 @@ LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
+COLOURS = {"full": FULL_COLOUR, "components": COMPONENT_COLOUR, "reduced": REDUCED_COLOUR}
 
 
 @styled
@@ -79,21 +81,11 @@ def densities(
     labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
-    n_columns = min(len(names), COLUMNS)
-    n_blocks = -(-len(names) // n_columns)
-    ratios = ([2.8, 1.0] if compared else [1.0]) * n_blocks
-    rows_a_block = len(ratios) // n_blocks
-    figure = new_figure(max(3.6 * n_columns, 5.0), (4.1 if compared else 3.1 + 0.3 * len(ensembles)) * n_blocks + 0.65)
-    panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
+    height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
+    figure, blocks = panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
     colours = _colours(ensembles)
-    for place in range(n_blocks * n_columns):
-        row, column = rows_a_block * (place // n_columns), place % n_columns
-        block = panels[row : row + rows_a_block, column]
-        if place < len(names):
-            _draw_quantity(block, ensembles, names[place], colours)
-        else:
-            for axes in block:
-                axes.set_visible(False)
+    for block, name in zip(blocks, names):
+        _draw_quantity(block, ensembles, name, colours)
     keys = [
         Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
         for number, (label, colour) in enumerate(zip(labels, colours))
@@ -247,7 +239,7 @@ def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
     models = [ensemble.model for ensemble in ensembles]
     if len(set(models)) < len(models):
         return distinct_colours(len(models))
-    return [{"full": FULL_COLOUR, "components": COMPONENT_COLOUR}.get(model, REDUCED_COLOUR) for model in models]
+    return [COLOURS[model] for model in models]
 
 
 def _tint(colour: str) -> str:
@@ -256,7 +248,6 @@ def _tint(colour: str) -> str:
     return "#" + "".join(f"{round(255 - 0.3 * (255 - part)):02X}" for part in parts)
 
 
-COLOURS = {"full": FULL_COLOUR, "components": COMPONENT_COLOUR, "reduced": REDUCED_COLOUR}
 OPACITY = 0.45  # of all bands over each other, where they are darkest
 
 
@@ -286,8 +277,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    notes = captions.of_records([ensemble.record])
-    top_legend(figure, keys, heading("Outputs over time", ensemble.record, label), notes)
+    captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
     return figure
 
 
@@ -310,7 +300,6 @@ def pairs_of(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | No
     return pairs, order[n // 2] if n % 2 else None
 
 
-BAND_COLUMNS = 3
 HEIGHT = 0.36  # of a bar, where the distance of parameters is 1
 FIRST, TOTAL = PALETTE[0], PALETTE[4]
 
@@ -320,14 +309,9 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     """Draw first and, where they are known, total indices of every output with their intervals, one panel each."""
     names = list(ensemble.sobol)
     one = ensemble.sobol[names[0]]
-    n_columns = min(len(names), BAND_COLUMNS)
-    n_rows = -(-len(names) // n_columns)
-    height = 0.9 + (0.75 + 0.42 * len(one.parameters)) * n_rows
-    figure = new_figure(max(3.4 * n_columns, 6.4), height)
-    panels = figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).ravel()
-    for axes in panels[len(names) :]:
-        axes.set_visible(False)
-    for axes, name in zip(panels, names):
+    size = 3.4, 0.75 + 0.42 * len(one.parameters)
+    figure, blocks = panel_grid(len(names), COLUMNS, size, 0.9, 6.4, sharex=True)
+    for axes, name in zip(blocks[:, 0], names):
         found = ensemble.sobol[name]
         places = np.arange(len(found.parameters))[::-1]
         kinds = [(found.first, found.first_interval, FIRST, 0.0)]
@@ -344,8 +328,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
-    what = heading("Sobol indices of outputs", ensemble.record, label)
-    top_legend(figure, keys, what, captions.of_records([ensemble.record]))
+    captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
     return figure
 
 
@@ -363,12 +346,10 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
     axes.axhline(1.0, color="#333333", linewidth=1.0)
     axes.set_xlabel("samples")
     axes.set_ylabel("half the interval / what was wanted")
-    top_legend(figure, keys, heading("precision at every look", ensemble.record, label), captions.of_records(
-        [ensemble.record]))  # fmt: skip
+    captions.headed(figure, keys, "precision at every look", ensemble.record, label)
     return figure
 
 
-JOINED_COLUMNS = 3
 JOINED_COLOURS = (PALETTE[0], PALETTE[4], "#333333")
 
 
@@ -380,16 +361,11 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
     """
     found = ensemble.joined
     names = [name for name, one in found.corrected.items() if "mean" in one.figures]
-    n_columns = min(len(names), JOINED_COLUMNS)
-    n_rows = -(-len(names) // n_columns)
-    figure = new_figure(max(3.4 * n_columns, 6.4), 0.9 + 1.7 * n_rows)
-    panels = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
-    for axes in panels[len(names) :]:
-        axes.set_visible(False)
+    figure, blocks = panel_grid(len(names), COLUMNS, (3.4, 1.7), 0.9, 6.4)
     best, own = found.models[0], found.models[-1]
     counts = found.corrected[names[0]].counts
     rows = [f"{own}, {len(ensemble.status)}", f"{best}, {counts[0]}", "joined"]
-    for axes, name in zip(panels, names):
+    for axes, name in zip(blocks[:, 0], names):
         mean, of_own = found.corrected[name].figures["mean"], ensemble.statistics[name]
         ends = np.array([of_own.mean_interval, mean.alone_interval, mean.interval])
         factor, unit = axis_unit(ensemble.units.get(name, "1"), ends[np.isfinite(ends)])
@@ -404,10 +380,8 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         long = np.nanmax(ends) - np.nanmin(ends) < 1e-4 * np.nanmax(np.abs(ends))  # labels of many digits
         axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(axis_label(f"mean {name}".replace(".", ", "), unit))
-    what = heading(
-        f"{best} model from few samples of it, {100 * found.confidence:g} % intervals", ensemble.record, label
-    )
-    top_legend(figure, [], what, captions.of_records([ensemble.record]))
+    what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
+    captions.headed(figure, [], what, ensemble.record, label)
     return figure
 
 
@@ -433,6 +407,5 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    what = heading(found.event.replace("_", " "), found.record, label)
-    top_legend(figure, keys, what, captions.of_records([found.record]))
+    captions.headed(figure, keys, found.event.replace("_", " "), found.record, label)
     return figure

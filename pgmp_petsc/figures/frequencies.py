@@ -20,6 +20,7 @@ from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
 from pgmp_petsc.figures.mechanism import TimeColours
 from pgmp_petsc.figures.style import (
+    CROSSES,
     MODELS,
     QUIET,
     angle_ticks,
@@ -27,6 +28,7 @@ from pgmp_petsc.figures.style import (
     distinct_colours,
     heading,
     new_figure,
+    panel_grid,
     scene_of,
     styled,
     top_legend,
@@ -36,6 +38,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 # About as many crosses as can be told from the line below them.
 N_CROSSES = 24
+COLUMNS = 2
 
 
 @styled
@@ -65,21 +68,15 @@ def frequencies(
     n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
     if n_modes == 0:
         raise InputError("the tables have no flexible modes to draw: every body is rigid")
-    n_columns = 1 if n_modes == 1 else 2
-    n_rows = -(-n_modes // n_columns)
-    figure = new_figure(4.2 * n_columns, 2.45 * n_rows + 0.75)
-    panels = figure.subplots(n_rows, n_columns, sharex=True, squeeze=False)
-    for mode, axes in enumerate(panels.flat):
-        if mode >= n_modes:
-            axes.set_visible(False)
-            continue
+    figure, blocks = panel_grid(n_modes, COLUMNS, (4.2, 2.45), 0.75, sharex=True)
+    for mode, axes in enumerate(blocks[:, 0]):
         for table, colour in zip(tables, colours):
             _draw_mode(axes, table, mode, colour)
         axes.set_title(titles[mode] if titles else f"flexible mode {mode + 1}: frequency (Hz)")
         axes.margins(y=0.12)
         theta, name, unit = _abscissa(tables[0])
         angle_ticks(axes, theta, unit)
-        if mode >= n_modes - n_columns:
+        if mode >= n_modes - COLUMNS:
             axes.set_xlabel(axis_label(name, unit))
             axes.tick_params(labelbottom=True)
 
@@ -107,16 +104,7 @@ def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
         axes.plot(theta, table.full_hz[:, mode], color=colour)
     if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
         step = max(1, len(theta) // N_CROSSES)
-        axes.plot(
-            theta[::step],
-            table.reduced_hz[::step, mode],
-            color=colour,
-            linestyle="none",
-            marker="x",
-            markersize=4.5,
-            markeredgewidth=1.1,
-            clip_on=False,
-        )
+        axes.plot(theta[::step], table.reduced_hz[::step, mode], color=colour, **CROSSES)
 
 
 def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
@@ -143,28 +131,22 @@ def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figu
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
     first, second = (np.unique(theta) for theta in table.theta)
     n_modes = min(n_modes, table.full_hz.shape[1])
-    n_columns = 1 if n_modes == 1 else 2
-    n_rows = -(-n_modes // n_columns)
-    figure = new_figure(4.2 * n_columns, 3.1 * n_rows + 0.5)
-    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
+    figure, blocks = panel_grid(n_modes, COLUMNS, (4.2, 3.1), 0.5, sharex=True, sharey=True)
     (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
-    for mode, axes in enumerate(panels.flat):
-        if mode >= n_modes:
-            axes.set_visible(False)
-            continue
+    for mode, axes in enumerate(blocks[:, 0]):
         # the last coordinate runs fastest: rows are the first one
         values = table.full_hz[:, mode].reshape(len(first), len(second))
         filled = axes.contourf(first, second, values.T, MaxNLocator(N_LEVELS).tick_values(values.min(), values.max()))
         figure.colorbar(filled, ax=axes, pad=0.02, ticks=MaxNLocator(5)).outline.set_visible(False)
         axes.set_title(f"flexible mode {mode + 1} (Hz){_difference(table, mode)}")
         axes.grid(False)
-        if mode >= n_modes - n_columns:
+        if mode >= n_modes - COLUMNS:
             axes.set_xlabel(axis_label(x_name, x_unit))
             axes.tick_params(labelbottom=True)
-        if mode % n_columns == 0:
+        if mode % COLUMNS == 0:
             axes.set_ylabel(axis_label(y_name, y_unit))
     what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
-    top_legend(figure, [], heading(what, table.record, label), captions.of_records([table.record]))
+    captions.headed(figure, [], what, table.record, label)
     return figure
 
 

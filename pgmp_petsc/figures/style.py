@@ -31,6 +31,7 @@ FULL_COLOUR = "#4D4D4D"
 COMPONENT_COLOUR = "#0072B2"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
+CROSSES = {"linestyle": "none", "marker": "x", "markersize": 4.5, "markeredgewidth": 1.1, "clip_on": False}
 MODELS = {"full": "full order", "components": "component modes", "reduced": "reduced"}
 RESOLUTION = 150
 PROGRAM = f"pgmp_petsc {__version__}"
@@ -84,6 +85,30 @@ def new_figure(width: float, height: float) -> Figure:
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08, wspace=0.04, hspace=0.04)
     return figure
+
+
+def panel_grid(
+    n: int, columns: int, size: tuple[float, float], margin: float, least: float = 0.0, ratios: Sequence[float] = (1.0,),
+    **sharing: bool,
+) -> tuple[Figure, np.ndarray]:  # fmt: skip
+    """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)).
+
+    Parameters
+    ----------
+    size, margin, least
+        Width and height of a block, what the figure is higher than all of them, and its least width, inches.
+    ratios
+        Heights of the axes of a block.
+    """
+    n_columns = min(n, columns)
+    n_rows = -(-n // n_columns)
+    figure = new_figure(max(size[0] * n_columns, least), size[1] * n_rows + margin)
+    heights = {"height_ratios": [*ratios] * n_rows}
+    panels = figure.subplots(n_rows * len(ratios), n_columns, squeeze=False, gridspec_kw=heights, **sharing)
+    blocks = panels.reshape(n_rows, len(ratios), n_columns).swapaxes(1, 2).reshape(-1, len(ratios))
+    for axes in blocks[n:].flat:
+        axes.set_visible(False)
+    return figure, blocks[:n]
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:

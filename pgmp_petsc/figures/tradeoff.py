@@ -20,6 +20,7 @@ from pgmp_petsc.figures.style import (
     distinct_colours,
     heading,
     new_figure,
+    panel_grid,
     styled,
     top_legend,
 )
@@ -130,18 +131,12 @@ def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> Non
 
 
 def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
-    n_columns = min(len(study.outputs), COLUMNS)
-    n_rows = -(-len(study.outputs) // n_columns)
-    figure = new_figure(max(4.3 * n_columns, 6.0), 4.2 * n_rows + 0.95)
-    panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True)
-    for column, axes in enumerate(panels.flat):
-        if column < len(study.outputs):
-            _draw_output(axes, study, cost, column)
-            axes.set_xlabel(label)
-            axes.tick_params(labelbottom=True)
-        else:
-            axes.set_visible(False)
-    panels[0, 0].annotate(
+    figure, blocks = panel_grid(len(study.outputs), COLUMNS, (4.3, 4.2), 0.95, 6.0, sharex=True)
+    for column, axes in enumerate(blocks[:, 0]):
+        _draw_output(axes, study, cost, column)
+        axes.set_xlabel(label)
+        axes.tick_params(labelbottom=True)
+    blocks[0, 0].annotate(
         "better",
         (0.02, 0.02),
         xytext=(0.09, 0.09),

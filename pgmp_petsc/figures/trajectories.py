@@ -26,6 +26,7 @@ from matplotlib.patches import Patch
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import same_case, tell_apart
 from pgmp_petsc.figures.style import (
+    CROSSES,
     FULL_COLOUR,
     MODELS,
     PALETTE,
@@ -37,6 +38,7 @@ from pgmp_petsc.figures.style import (
     distinct_colours,
     heading,
     new_figure,
+    panel_grid,
     quantity,
     span,
     styled,
@@ -168,22 +170,10 @@ def trajectories(
         labels = labels_of(comparisons)
     with_errors = any(comparison.error_percent(name) for comparison in comparisons for name in outputs)
 
-    n_columns = min(len(outputs), COLUMNS)
-    n_blocks = -(-len(outputs) // n_columns)
-    block_height = 4.1 if with_errors else 2.9
-    figure = new_figure(max(3.7 * n_columns, 5.0), block_height * n_blocks + 0.65)
-    ratios = ([2.1, 1.0] if with_errors else [1.0]) * n_blocks
-    panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
-    rows_a_block = len(ratios) // n_blocks
-    for place in range(n_blocks * n_columns):
-        row, column = rows_a_block * (place // n_columns), place % n_columns
-        block = panels[row : row + rows_a_block, column]
-        if place < len(outputs):
-            _draw_output(block, comparisons, outputs[place])
-        else:
-            for axes in block:
-                axes.set_visible(False)
-
+    height, ratios = (4.1, (2.1, 1.0)) if with_errors else (2.9, (1.0,))
+    figure, blocks = panel_grid(len(outputs), COLUMNS, (3.7, height), 0.65, 5.0, ratios)
+    for block, output in zip(blocks, outputs):
+        _draw_output(block, comparisons, output)
     notes = captions.of_runs(*_labelled_runs(comparisons, labels))
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
@@ -233,16 +223,7 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
             axes.fill_between(line.time, *band, color=colour, alpha=0.25, linewidth=0.0)
         if crosses is not None:
             step = max(1, len(crosses.time) // N_CROSSES)
-            axes.plot(
-                crosses.time[::step],
-                crosses.outputs[output][::step] * factor,
-                color=colour,
-                linestyle="none",
-                marker="x",
-                markersize=4.5,
-                markeredgewidth=1.1,
-                clip_on=False,
-            )
+            axes.plot(crosses.time[::step], crosses.outputs[output][::step] * factor, color=colour, **CROSSES)
     axes.set_title(axis_label(output, unit))
     if len(block) > 1:
         axes.tick_params(labelbottom=False)

@@ -21,7 +21,8 @@ from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.full.damping import BodyDampings
 from pgmp_petsc.full.elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
 from pgmp_petsc.full.kernel import Elements, FullProblem, Lumps
-from pgmp_petsc.full.layout import FloatingBodies, Layout, body_tables, n_pose_of, places_of
+from pgmp_petsc.full.layout import FloatingBodies, body_tables, n_pose_of, places_of
+from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks

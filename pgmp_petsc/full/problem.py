@@ -19,8 +19,7 @@ from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.full.batched_ldl import analyse
 from pgmp_petsc.full.damping import BodyDampings, ModalFactors
 from pgmp_petsc.full.forces import BlockActions, Loads
-from pgmp_petsc.full.kernel import FullProblem, Pattern, Strengths
-from pgmp_petsc.full.layout import RankLayout, WholeLayout
+from pgmp_petsc.full.kernel import FullProblem, Strengths
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.parts import (
     Share,
@@ -35,6 +34,7 @@ from pgmp_petsc.full.parts import (
     spatial_beams,
     spatial_masses,
 )
+from pgmp_petsc.full.rank_solver import RankLayout, WholeLayout
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -168,7 +168,7 @@ class FullEquations:
         self.problem = contiguous(FullProblem(
             width_of(blocks.n_lanes), d, *placed_parts, self._entries_of(loads, len(falling), values, blocks), actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
-            counting, self._pattern(), sections(share),
+            counting, self.layout.pattern, sections(share),
             np.array([self.damping.rayleigh_of(k) for k in section_owners(unknowns.bodies)]), units[here],
         ))  # fmt: skip
         self._coordinates = angles
@@ -241,13 +241,6 @@ class FullEquations:
             frames[body.tied_nodes] = FRAMES
         levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
         return WholeLayout(analyse(whole, levels), self.n_dofs)
-
-    def _pattern(self) -> Pattern:
-        if isinstance(self.layout, WholeLayout):
-            symbolic = self.layout.symbolic
-            return Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
-        nothing = np.zeros((3, 0), dtype=np.int64)
-        return Pattern(self.layout.place, *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
 
     def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
         """Return the load terms; a couple that is constant in body frames is none in space."""

@@ -1,15 +1,21 @@
-"""The linear systems of a sample that ranks share: assembled and solved by PETSc, what others have gathered.
+"""Where unknowns, multipliers and the entries of the iteration matrix lie in the arrays of one rank, and the linear
+systems of a sample that ranks share: assembled and solved by PETSc, what others have gathered.
+
+Matrices are symmetric, and stored as a diagonal and entries below it. All unknowns of a batch are on one rank, in the
+order of its factorisation; a sample that is shared by ranks has on each what its elements and joints touch.
 
 Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.full.layout import RankLayout
+from pgmp_petsc.full.batched_ldl import Symbolic
+from pgmp_petsc.full.kernel import Pattern
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.petsc import petsc_solver
 from pgmp_petsc.runtime.surroundings import needs_petsc
@@ -20,6 +26,86 @@ if TYPE_CHECKING:
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
 SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work array
+
+
+class Layout:
+    """A layout.
+
+    Attributes
+    ----------
+    needed
+        Numbers of the unknowns, and then of the multipliers behind all unknowns, that are here, increasing, (n,).
+    n_unknowns
+        How many of these are unknowns.
+    pattern
+        Turn of every unknown and multiplier here in the arrays of right-hand side and diagonal, and what the kernel
+        factorises here.
+    n_lower
+        Number of entries below the diagonal.
+    """
+
+    needed: np.ndarray
+    n_unknowns: int
+    pattern: Pattern
+    n_lower: int
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """Return the numbers here of unknowns, -1 where they are -1."""
+        raise NotImplementedError
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return where entries are stored: below the diagonal, or ``-1 - k`` on it."""
+        raise NotImplementedError
+
+
+class WholeLayout(Layout):
+    """All unknowns, in the order of a factorisation."""
+
+    def __init__(self, symbolic: Symbolic, n_unknowns: int) -> None:
+        self.needed, self.n_unknowns, self.n_lower = np.arange(symbolic.n), n_unknowns, symbolic.rows.size
+        self.pattern = Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
+        self.positions = symbolic.position
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return dofs
+
+
+class RankLayout(Layout):
+    """Unknowns and multipliers that one rank needs, in their order.
+
+    Parameters
+    ----------
+    n_dofs, n_all
+        Number of unknowns of the mechanism, and of unknowns and multipliers.
+    pattern
+        Rows and columns of all entries that are evaluated here, and whatever else is needed as a pair with itself.
+    """
+
+    def __init__(self, n_dofs: int, n_all: int, pattern: tuple[np.ndarray, np.ndarray]) -> None:
+        rows, columns = pattern
+        self.needed = np.unique(np.concatenate([rows, columns]))
+        self.n_unknowns = int(np.searchsorted(self.needed, n_dofs))
+        self._n_all = n_all
+        off = rows != columns
+        self._stored = np.unique(np.maximum(rows, columns)[off] * n_all + np.minimum(rows, columns)[off])
+        self.n_lower, nothing = self._stored.size, np.zeros((3, 0), dtype=np.int64)
+        factors = nothing[2], *np.zeros((3, 0), dtype=np.uint32)
+        self.pattern = Pattern(np.arange(self.needed.size), *nothing[:2], factors)
+
+    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        return np.where(dofs < 0, -1, np.searchsorted(self.needed, dofs))
+
+    def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """See `Layout`."""
+        keys = np.maximum(rows, columns) * self._n_all + np.minimum(rows, columns)
+        return np.where(rows == columns, -1 - self.unknowns(rows), np.searchsorted(self._stored, keys))
+
+    @cached_property
+    def lower(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the entries below the diagonal among the needed, each (n_lower,)."""
+        return tuple(np.searchsorted(self.needed, part) for part in np.divmod(self._stored, self._n_all))
 
 
 class RankSolver:

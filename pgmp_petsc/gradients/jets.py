@@ -5,17 +5,16 @@ one sample, or their derivatives with a parameter, in place of those of all term
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),
 
-and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, k >= l, one after the
-other: jets of all entries are vectors (n_entries, n_jets, LANES).
+and a jet of it has the value, the slopes ``d_k A`` and the second derivatives ``d_k d_l A``, those of each
+slope together: jets of all entries are vectors (n_entries, n_jets, LANES).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import combinations_with_replacement
+from itertools import product
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -23,46 +22,20 @@ from numba.extending import intrinsic
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.tiles import store_rows
 from pgmp_petsc.runtime.vectors import (
-    CACHE_LINE,
     N_POWERS,
     N_POWERS_OF_RIGID,
+    coefficients_of,
+    derivatives,
     join,
     load_rows,
     parts_of,
-    row_of,
-    spread_number,
     vector,
 )
 
 
 def n_jets(r: int) -> int:
     """Return how many numbers a jet with r coordinates has."""
-    return 1 + r + r * (r + 1) // 2
-
-
-@njit(inline="always")
-def second(r, k, l):
-    """Return where ``d_k d_l A`` is in a jet."""
-    return 1 + r + (k * (k + 1) // 2 + l if k >= l else l * (l + 1) // 2 + k)
-
-
-@njit(error_model="numpy")
-def cell_of(theta, grid, place):
-    """Return the number of the cell of theta (n_theta or more,), and fill the place in it, rad; see `locate_all`."""
-    number = 0
-    for k in range(len(grid)):
-        n = grid[k].n_cells
-        position = (theta[k] - grid[k].lower) / grid[k].step
-        cell = int(np.floor(position))
-        place[k] = (position - cell) * grid[k].step
-        if grid[k].periodic:
-            cell = cell % n
-        elif cell < 0 or cell > n - 1:
-            inside = min(max(cell, 0), n - 1)
-            place[k] += (cell - inside) * grid[k].step
-            cell = inside
-        number = number * n + cell
-    return number
+    return 1 + r + r * r
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -76,50 +49,15 @@ def weigh(terms, weights, coefficients):
             coefficients[c] += weights[t] * terms[t, c]
 
 
-def _derivatives(
-    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
-) -> dict[tuple[int, ...], ir.Value]:
-    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
-
-    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
-        if level == len(places):
-            return {(): coefficient(first)}
-        stride, s = n_powers ** (len(places) - level - 1), places[level]
-        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        found = {}
-        for others in inner[0]:
-            # Horner's scheme, and what it makes of its own partial sums
-            sums = [inner[-1][others]]
-            for power in range(n_powers - 2, -1, -1):
-                longer = [builder.fadd(builder.fmul(s, sums[0]), inner[power][others])]
-                longer += [builder.fadd(builder.fmul(s, y), x) for x, y in zip(sums, sums[1:])]
-                sums = (longer + sums[-1:])[: order - sum(others) + 1]
-            for times, total in enumerate(sums):
-                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
-        return found
-
-    return along(0, 0)
-
-
 def _jet(n_powers: int, order: int, about: str) -> Callable:
     @intrinsic
     def function(typing, coefficients, entry, place):
         r = len(place)
-        wanted = [which for total in range(order + 1) for which in combinations_with_replacement(range(r), total)]
-        # k >= l, k the slower one
-        wanted.sort(key=lambda which: (len(which), which[::-1]))
+        wanted = [which for total in range(order + 1) for which in product(range(r), repeat=total)]
 
         def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            base = builder.mul(args[1], ir.Constant(args[1].type, n_powers**r))
-
-            def coefficient(number: int) -> ir.Value:
-                at = builder.add(base, ir.Constant(base.type, number))
-                if coefficients.ndim == 2:
-                    return builder.load(row_of(context, builder, coefficients, args[0], at), align=CACHE_LINE)
-                data = context.make_array(coefficients)(context, builder, args[0]).data
-                return spread_number(builder, builder.load(builder.gep(data, [at])))
-
-            found = _derivatives(builder, coefficient, parts_of(builder, args[2], r), n_powers, order)
+            rows = coefficients_of(context, builder, sig, args, n_powers)
+            found = derivatives(builder, rows, parts_of(builder, args[2], r), n_powers, order)
             return join(builder, [found[tuple(which.count(k) for k in range(r))] for which in wanted])
 
         return types.UniTuple(vector, len(wanted))(coefficients, types.intp, place), build

@@ -20,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.gradients.jets import cell_of, fill_jets, fill_rigid_jets, n_jets, weigh
-from pgmp_petsc.gradients.lagrangian import fill_columns, fill_matrices, fill_residual, fill_tangents, take_up
+from pgmp_petsc.gradients.jets import fill_jets, fill_rigid_jets, n_jets, weigh
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
+from pgmp_petsc.reduced.cells import Grid
+from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
@@ -89,9 +90,8 @@ class Linearisation:
         if with_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
-        cells, places = np.empty(n_t, dtype=np.int64), np.empty((n_t, len(self._terms.layout.rigid)))
+        cells, places = _located(self._terms.grid, states.q)
         own = tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
-        _locate(self._terms.grid, own[0], cells, places)
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)),
             np.zeros((n_t, len(weights) - 1, n)),
@@ -136,13 +136,11 @@ class _Room(NamedTuple):
     amplitudes
         Weights of the load terms (n_load_terms,).
     state, moment
-        Coordinates, velocities and accelerations (3, n_eta); see `lagrangian.take_up`.
+        Coordinates, velocities and accelerations (3, n_eta); see `_take_up`.
     balance
         A residual, (n_eta,).
     by_q, by_v, by_a, matrix
         Derivatives, and those within a step, (n_eta, n_eta).
-    mass, lean, linear, bent, swept
-        See `lagrangian.fill_matrices` and `lagrangian.fill_residual`.
     """
 
     place: np.ndarray
@@ -157,22 +155,14 @@ class _Room(NamedTuple):
     by_v: np.ndarray
     by_a: np.ndarray
     matrix: np.ndarray
-    mass: np.ndarray
-    lean: np.ndarray
-    linear: np.ndarray
-    bent: np.ndarray
-    swept: np.ndarray
 
 
 def _room(layout: Layout, n_loads: int) -> _Room:
     """Return room for tables of a layout and a number of load terms."""
     r, n, n_rows, of_loads = len(layout.rigid), layout.n_eta, n_jets(len(layout.rigid)), layout.load_end
-    m = n - r
     shapes = {
         "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,),
         "load_jets": (of_loads, n_rows), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
-        "mass": (n_rows, n, n), "lean": (n_rows, r, r, m), "linear": (n_rows, m, m), "bent": (n_rows, m, m),
-        "swept": (r, m),
     }  # fmt: skip
     square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
@@ -180,11 +170,24 @@ def _room(layout: Layout, n_loads: int) -> _Room:
     return room
 
 
-@njit(cache=True, entry=True, error_model="numpy")
-def _locate(grid, q, cells, places):
-    """Fill the numbers of the cells of coordinates (n_t, n_eta), (n_t,), and the places there (n_t, n_theta)."""
-    for t in range(cells.size):
-        cells[t] = cell_of(q[t], grid, places[t])
+@njit(error_model="numpy", counted=False)
+def _take_up(layout, state, mass_damping, moment):
+    """Fill coordinates, velocities and accelerations as inertia forces see them, and velocities, items (4, n_eta)."""
+    for x in range(layout.n_eta):
+        moment[0, x], moment[3, x] = state[0, x], state[1, x]
+        moment[1, x] = state[1, x] if layout.quadratic else spread(0.0)
+        moment[2, x] = state[2, x] + mass_damping * state[1, x]
+
+
+def _located(grid: Sequence[Grid], theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the cells of theta (n_t, n_theta or more), (n_t,), and the places there (n_t, n_theta)."""
+    cells, places = np.zeros(len(theta), dtype=np.int64), np.empty((len(theta), len(grid)))
+    for k, axis in enumerate(grid):
+        position = (theta[:, k] - axis.lower) / axis.step
+        cell = np.floor(position) if axis.periodic else np.clip(np.floor(position), 0, axis.n_cells - 1)
+        places[:, k] = (position - cell) * axis.step
+        cells = cells * axis.n_cells + cell.astype(np.int64) % axis.n_cells
+    return cells, places
 
 
 @njit(cache=True, entry=True, error_model="numpy")
@@ -214,16 +217,14 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     turns, cells, places = located
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
-    n_rigid, n_rows, n_t = r * (r + 1) // 2, room.jets.shape[1], turns.size
+    n_rigid, n_t = r * (r + 1) // 2, turns.size
     of_rigid = np.empty((n_sets, n_rigid * N_POWERS_OF_RIGID**r))
     of_terms = np.empty((n_sets, layout.end * N_POWERS**r))
     at = np.empty(LANES, dtype=np.int64)
-    jets, load_jets = items(room.jets, WIDE), items(room.load_jets, WIDE)
     of_loads, amplitudes = items(room.loads, WIDE), items(room.amplitudes, WIDE)
-    state, moment, swept = items(room.state, WIDE), items(room.moment, WIDE), items(room.swept, WIDE)
+    state, moment = items(room.state, WIDE), items(room.moment, WIDE)
     balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
     by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
-    matrices = items(room.mass, WIDE), items(room.lean, WIDE), items(room.linear, WIDE), items(room.bent, WIDE)
     loaded, first, last = loads.shape[2] > 0, 0, -1
     while first < n_t:
         cell, count = cells[turns[first]], 1
@@ -250,19 +251,23 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                     room.amplitudes[l, lane] = loads[at[lane], 0, l]
             weigh(tables.loads[cell], amplitudes, of_loads)
             fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
-        take_up(layout, state[0], state[1], state[2], mass_damping, moment)
-        fill_matrices(layout, jets, load_jets, moment[0, r:], n_rows, matrices)
-        fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
+        _take_up(layout, state, mass_damping, moment)
+        fill_residual(
+            layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
+        )  # fmt: skip
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
         if gains[1] > 0.0:
             # what is to be taken away is so small that the tables stay as they are, and what deformations make of them,
             # and that a matrix without second derivatives of tables will do
-            fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
+            fill_tangents(
+                layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a
+            )
+            gain_a = gains[1] + gains[0] * mass_damping
             for i in range(n):
                 for j in range(n):
-                    matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gains[1] * by_a[i, j]
+                    matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gain_a * by_a[i, j]
             for lane in range(LANES):
                 for i in range(n):
                     room.balance[i, lane] = residual[at[lane], i]
@@ -279,15 +284,23 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                 state[0, i] -= balance[i]
                 state[1, i] -= gains[0] * balance[i]
                 state[2, i] -= gains[1] * balance[i]
-            take_up(layout, state[0], state[1], state[2], mass_damping, moment)
-        fill_tangents(layout, jets, load_jets, matrices, moment, mass_damping, swept, by_q, by_v, by_a)
-        fill_columns(layout, jets, load_jets, matrices, moment, swept, balance, by_q)
+            _take_up(layout, state, mass_damping, moment)
+        fill_tangents(
+            layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a
+        )
+        for k in range(r):
+            # the residual is linear in the tables: of their derivatives it is its own
+            fill_residual(
+                layout, room.jets, room.load_jets, 1 + k, 1 + r + k * r, layout.rigid, loaded, room.moment, room.balance
+            )
+            for i in range(n):
+                by_q[i, k] = balance[i]
         for lane in range(count):
             t = at[lane]
             for i in range(n):
                 for j in range(n):
                     all_by_q[t, i, j] += room.by_q[i, j, lane]
-                    all_by_v[t, i, j] += room.by_v[i, j, lane]
+                    all_by_v[t, i, j] += room.by_v[i, j, lane] + mass_damping * room.by_a[i, j, lane]
                     all_by_a[t, i, j] += room.by_a[i, j, lane]
         for s in range(1, n_sets):
             fill_jets(of_terms[s], room.place, layout.rigid, n_rigid, layout.end, False, room.jets)
@@ -298,8 +311,9 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                         room.amplitudes[l, lane] = loads[at[lane], s, l]
                 weigh(tables.loads[cell], amplitudes, of_loads)
                 fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
-            fill_matrices(layout, jets, load_jets, moment[0, r:], 1 + r, matrices)
-            fill_residual(layout, jets, load_jets, matrices, 0, moment, swept, balance)
+            fill_residual(
+                layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance
+            )  # fmt: skip
             for lane in range(count):
                 for i in range(n):
                     by_parameters[at[lane], s - 1, i] += room.balance[i, lane]

@@ -1,4 +1,7 @@
-"""Joints whose second point moves on a line or a plane through the first."""
+"""Joints whose second point moves on a line or a plane through the first.
+
+The joint between two bodies that slide and turn on a plane.
+"""
 
 from __future__ import annotations
 
@@ -83,3 +86,21 @@ class Prismatic(OnAxis):
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the axes of both bodies are one line about which nothing turns."""
         return [*super().statements(in_a, in_b), perpendicular(in_a[:, 1], in_b[:, 2])]
+
+
+class Planar(JointEntry):
+    """The second point moves on a plane through the first, and its body turns about the plane's normal."""
+
+    type: Literal["planar"]
+    dimensions = (3,)
+    motions = ("turning",)
+    normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
+
+    @property
+    def axes(self):
+        """The plane's normal."""
+        return (self.normal,)
+
+    def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+        """Return that the point is on the plane, and that the normals of both bodies agree."""
+        return [along(in_a[:, 0]), *aligned(in_a, in_b)]

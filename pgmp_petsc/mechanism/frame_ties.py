@@ -79,6 +79,10 @@ class FrameTies:
 
     Attributes
     ----------
+    linear
+        Rows, unknowns and factors of the entries that are linear, each (n_linear,).
+    products, arms
+        The products, and the arms, of which there are some in the plane alone.
     curved
         What is of second order in the deformation of bodies in floating frames.
     """
@@ -98,28 +102,13 @@ class FrameTies:
             curved.append(Quadratics.of(self.n, held.floating[0], held.amplitudes, held.bent))
             self.n += held.shape.shape[0]
         self.curved = CurvedTies(curved, self._d, self.n)
-        self._linear, self._products, self._arms = _joined(linear), Products(*_joined(products)), Arms(*_joined(arms))
+        self.linear, self.products, self.arms = _joined(linear), Products(*_joined(products)), Arms(*_joined(arms))
         self._find_patterns(unknowns.n_dofs)
-
-    @property
-    def linear(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, unknowns and factors of the entries that are linear, each (n_linear,)."""
-        return self._linear
 
     @property
     def turning(self) -> np.ndarray:
         """The unknown of its frame that every product depends on, shape (n_products,)."""
-        return self._products.frames + (PHI if self._d == 2 else self._d + self._products.directors)
-
-    @property
-    def products(self) -> Products:
-        """The products."""
-        return self._products
-
-    @property
-    def arms(self) -> Arms:
-        """The arms; there are some in the plane alone."""
-        return self._arms
+        return self.products.frames + (PHI if self._d == 2 else self._d + self.products.directors)
 
     def values(self, q: np.ndarray) -> np.ndarray:
         """Return what is to be zero, shape (n, ...), m and rad, for unknowns (n_dofs, ...)."""
@@ -143,11 +132,11 @@ class FrameTies:
         n = math.prod(trailing)
         flat = [np.ascontiguousarray(array.reshape(len(array), n)) for array in arrays]
         result = np.zeros((size, n))
-        fill(self._d, self._linear, self._products, self._arms, self._places, *flat, result)
+        fill(self._d, self.linear, self.products, self.arms, self._places, *flat, result)
         return result.reshape(size, *trailing)
 
     def _find_patterns(self, n_dofs: int) -> None:
-        (row, column, _), p, arms = self._linear, self._products, self._arms
+        (row, column, _), p, arms = self.linear, self.products, self.arms
         turning, of_arms = self.turning, arms.frames + PHI
         entries = (row, column), (p.rows, p.positions), (p.rows, turning), (arms.rows, of_arms)
         unique, at = np.unique(np.concatenate([i * n_dofs + j for i, j in entries]), return_inverse=True)

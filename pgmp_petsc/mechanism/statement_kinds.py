@@ -17,6 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pgmp_petsc.declare.forms import in_c
+
 APART = "p_b - p_a"
 ARRAYS = ("gradient", "spare")  # that hold the derivatives of products
 TURN = "6.283185307179586"
@@ -299,24 +301,10 @@ def _expanded(lines: Sequence[str]) -> Iterator[str]:
 
 def _in_c(lines: Sequence[str]) -> Iterator[str]:
     """Yield lines in C."""
-    open_at: list[int] = []
-    for line in [*lines, ""]:
-        text = line.strip()
-        depth = len(line) - len(text)
-        while open_at and depth <= open_at[-1]:
-            yield " " * open_at.pop() + "}"
-        text = re.sub(r"\[([^\[\],]+), ([^\[\]]+)\]", r"[\1][\2]", text)
-        text = re.sub(r"\bd\b", "D", re.sub(r"\bn\b", "N_FRAME", text))
-        if loop := re.match(r"for (\w+) in range\((.*)\):$", text):
-            text = f"for (int {loop[1]} = 0; {loop[1]} < {loop[2]}; {loop[1]}++) {{"
-        elif text == "if second:":
-            text = "if (hessian) {"
-        elif text:
-            text = re.sub(r"^let ", "double ", text) + ";"
-        if text.endswith("{"):
-            open_at.append(depth)
-        if text:
-            yield " " * depth + text
+    for line in in_c(lines):
+        line = re.sub(r"\[([^\[\],]+), ([^\[\]]+)\]", r"[\1][\2]", line)
+        line = re.sub(r"\bd\b", "D", re.sub(r"\bn\b", "N_FRAME", line))
+        yield line.replace("if (second)", "if (hessian)")
 
 
 def print_kinds(kinds: Sequence[Kind]) -> str:

@@ -29,7 +29,9 @@ KINDS = (
 )
 MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING = range(len(KINDS))
 U, V, W = range(3)  # rows of a statement's directions
-_MARK = text_mark("pgmp_petsc.mechanism.statement_kinds", "pgmp_petsc.declare.expressions")
+_MARK = text_mark(
+    *(f"pgmp_petsc.{name}" for name in ("mechanism.statement_kinds", "declare.forms", "declare.expressions"))
+)
 CODE = kept("statements", repr((_MARK, KINDS)), Path(__file__), lambda: print_kinds(KINDS))
 evaluate = CODE.evaluate
 

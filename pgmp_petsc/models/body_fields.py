@@ -18,7 +18,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet, Values
-from pgmp_petsc.models.stresses import Amplitudes, MissedStrains, strains_of_beams
+from pgmp_petsc.models.stresses import FullStrains, ReducedStrains
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
@@ -57,7 +57,7 @@ class FullFields:
     """
 
     def __init__(self, seen: FieldSet, unknowns: Unknowns) -> None:
-        self.seen, self._unknowns = seen, unknowns
+        self.seen, self._unknowns, self._strains = seen, unknowns, FullStrains(unknowns)
 
     @property
     def at_once(self) -> int:
@@ -74,11 +74,11 @@ class FullFields:
         if not body.flexible:
             return carried(space, field, body, frames[body.nodes.start])
         if body.n_amplitudes:
-            moved = body.displacements(q[body.internal])
-            places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved[:, : space.dimension])
-            return with_stresses(field, places, lambda points: points.of_displacements(moved), values)
-        nodal = body.moving_nodes(q, frames)
-        return with_stresses(field, nodal[:, : space.dimension], lambda points: points.of_places(nodal), values)
+            moved = body.displacements(q[body.internal])[:, : space.dimension]
+            places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved)
+        else:
+            places = body.moving_nodes(q, frames)[:, : space.dimension]
+        return with_stresses(field, places, lambda points: self._strains.of(field.number, points, q), values)
 
 
 class ReducedFields:
@@ -95,14 +95,16 @@ class ReducedFields:
     """
 
     def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
-        self.seen, self._kinematics = seen, kinematics
-        self._amplitudes, self._nodes, self._missed = {}, {}, MissedStrains(kinematics, rom, scheme)
-        for name, field in seen.points.items():
-            body = kinematics.mechanism.bodies[field.number]
-            if body.flexible:
-                self._amplitudes[name] = Amplitudes(rom, body, scheme)
-            else:
-                self._nodes[name] = Reconstruction(kinematics, rom, scheme, [body.nodes.start])
+        self.seen, self._kinematics, bodies = seen, kinematics, kinematics.mechanism.bodies
+        numbers = [field.number for field in seen.points.values()]
+        self._strains = ReducedStrains(
+            kinematics, rom, scheme, [number for number in numbers if bodies[number].flexible]
+        )
+        self._rigid = {
+            number: Reconstruction(kinematics, rom, scheme, [bodies[number].nodes.start])
+            for number in numbers
+            if not bodies[number].flexible
+        }
 
     @property
     def at_once(self) -> int:
@@ -112,33 +114,23 @@ class ReducedFields:
     def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for reduced coordinates (n, n_eta)."""
         poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
-        missed = self._missed.amplitudes(eta, values)
-        return {
-            name: self._of(name, eta, poses[field.number], missed.get(field.number), values)
-            for name, field in self.seen.points.items()
-        }
+        coordinates, strained = self._strains.coordinates(eta), self._strains.strained(eta)
+        missed = self._strains.missed(eta, values)
+        space, found = self._kinematics.mechanism.space, {}
+        for name, field in self.seen.points.items():
+            number, body = field.number, self._strains.bodies[field.number]
+            if number in self._rigid:
+                found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
+                continue
+            moved = body.displacements(coordinates[number])[:, : space.dimension]
+            places = placed(space, poses[number], undeformed(field) + moved)
 
-    def _of(
-        self, name: str, eta: np.ndarray, pose: np.ndarray, missed: np.ndarray | None, values: Mapping[str, float]
-    ) -> BodyValues:
-        field, space = self.seen.points[name], self._kinematics.mechanism.space
-        body = self._kinematics.mechanism.bodies[field.number]
-        if not body.flexible:
-            return carried(space, field, body, self._nodes[name].frames(eta)[0])
-        amplitudes = self._amplitudes[name]
-        y = amplitudes.of(eta)
-        moved = body.displacements(y)
-        places = placed(space, pose, undeformed(field) + moved[:, : space.dimension])
-        curved = amplitudes.curved and body.strains_follow_frames
-        unmet = None if missed is None else body.displacements(missed)
+            def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
+                y, unmet = strained[field.number], missed.get(field.number)
+                return self._strains.of(field.number, points, field.stresses.law, y, unmet, values)
 
-        def strains(points: Strains) -> np.ndarray:
-            found = strains_of_beams(body, points, y) if curved else points.of_displacements(moved)
-            if unmet is None:
-                return found
-            return found + self._missed.softening(field.stresses.law, points, values) * points.of_displacements(unmet)
-
-        return with_stresses(field, places, strains, values)
+            found[name] = with_stresses(field, places, strains, values)
+        return found
 
 
 def carried(space: Space, field: FieldPoints, body: Body, frame: np.ndarray) -> BodyValues:

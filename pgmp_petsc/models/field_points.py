@@ -15,7 +15,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import stressed_bodies
+from pgmp_petsc.scene.references import stressed_bodies
 
 LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
 Values = dict[str, np.ndarray]

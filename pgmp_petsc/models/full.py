@@ -68,7 +68,7 @@ class FullModel:
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
 
-            self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism))
+            self._stresses = FullStresses(self.outputs, Unknowns(mechanism))
 
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
@@ -259,7 +259,7 @@ class ComponentModel(FullModel):
     scene
         The scene.
     shapes
-        Of the bodies, the flexible ones as `components.floating_frames` makes them.
+        Of the bodies, the flexible ones as `components.condensing` makes them.
     kinematics
         Of the same mechanism, where they are at hand.
     n_ranks

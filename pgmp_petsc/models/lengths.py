@@ -22,7 +22,7 @@ from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.scene.uses import velocity_names
+from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import Search
 

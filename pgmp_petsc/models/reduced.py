@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
+from pgmp_petsc.effects import actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
@@ -19,9 +19,8 @@ from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.reconstruction import Reconstruction
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.served_range import Served, served_ranges
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.second_order_system import State
@@ -29,7 +28,6 @@ from pgmp_petsc.stepping.static_equilibrium import settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
-    from pgmp_petsc.models.stresses import ReducedStresses
 
 
 class ReducedModel:
@@ -46,8 +44,13 @@ class ReducedModel:
     ----------
     rom
         As given.
-    effects
-        Effects that act by forces.
+    effects, actions, motions
+        Effects that act by forces; local ones and where they hold; prescribed motions, by the numbers of their
+        coordinates.
+    joint_angles
+        Angles of the joints that are coordinates.
+    reconstruction, stresses
+        From reduced coordinates to the frames of `outputs.nodes`, and to stress outputs; None where there are none.
     start
         Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
     stiffness_changes
@@ -70,7 +73,7 @@ class ReducedModel:
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)
         mechanism = self.kinematics.mechanism
         scheme = scene.reduction.interpolation
-        self.effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
+        self.effects, self.motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
@@ -78,16 +81,16 @@ class ReducedModel:
         self.terms = ReducedTerms.of(
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
         )
-        self._actions = ReducedActions.of(
+        self.actions = ReducedActions.of(
             actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
         )
-        self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
-        self._stresses = None
+        self.reconstruction = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
+        self.stresses = None
         if self.outputs.stresses:
             from pgmp_petsc.models.stresses import ReducedStresses  # few scenes have them
 
-            self._stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
-        self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
+            self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
+        self.joint_angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
 
@@ -113,33 +116,8 @@ class ReducedModel:
         simulation, alone."""
         other = copy(self)
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
-        other._actions = replace(self._actions, actions=actions_of(other.effects))
+        other.actions = replace(self.actions, actions=actions_of(other.effects))
         return other
-
-    @property
-    def actions(self) -> ReducedActions:
-        """Local effects, and where they hold."""
-        return self._actions
-
-    @property
-    def motions(self) -> Mapping[int, Motion]:
-        """Prescribed motions, by the numbers of their coordinates."""
-        return self._motions
-
-    @property
-    def joint_angles(self) -> JointAngles:
-        """Angles of the joints that are coordinates."""
-        return self._angles
-
-    @property
-    def reconstruction(self) -> Reconstruction:
-        """From reduced coordinates to the frames of `outputs.nodes`."""
-        return self._of_outputs
-
-    @property
-    def stresses(self) -> ReducedStresses | None:
-        """From reduced coordinates to stress outputs; None where there are none."""
-        return self._stresses
 
     @property
     def largest_batch(self) -> int:
@@ -149,7 +127,7 @@ class ReducedModel:
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank, all with the lengths of the scene's run."""
         require_lengths(self.scene, values)
-        return begun(self, self._angles, values, n_samples)
+        return begun(self, self.joint_angles, values, n_samples)
 
     @property
     def members(self) -> tuple[ReducedModel, ...]:
@@ -172,9 +150,9 @@ class ReducedModel:
         Parameter values are numbers, or of shape (n,). Outputs that read rates need those of the coordinates,
         (n, n_eta).
         """
-        stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
-        rates = self._of_outputs.rates(eta, v) if self.outputs.n_rates else None
-        return self.outputs.observed(self.output_frames_of(eta), stresses, rates)
+        stresses = np.empty((0, len(eta))) if self.stresses is None else self.stresses.of(eta, values)
+        rates = self.reconstruction.rates(eta, v) if self.outputs.n_rates else None
+        return self.outputs.observed(self.reconstruction.frames(eta), stresses, rates)
 
     def fields(self, n_frames: int | None = None) -> ReducedFields:
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
@@ -196,10 +174,6 @@ class ReducedModel:
         For reduced coordinates (n, n_eta), whatever the parameter values.
         """
         return self._of_all.local(eta)
-
-    def output_frames_of(self, eta: np.ndarray) -> np.ndarray:
-        """Return the frames of ``outputs.nodes`` for reduced coordinates of shape (n, n_eta)."""
-        return self._of_outputs.frames(eta)
 
 
 def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:

@@ -2,15 +2,18 @@
 
 Every model knows the strains in its own way (`models.stresses`): from the positions of a mesh, or as a constant linear
 map of the coordinates that a body is condensed to. From there on all is the same.
+
+The output of stresses and section forces, which models observe of their own strains (`models.stresses`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import BeamLaw, BodyStresses, SolidLaw, Strains, Values
@@ -19,11 +22,50 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import stressed_bodies
-from pgmp_petsc.scene.outputs import STRESSES
+from pgmp_petsc.scene.fields import Vector
+from pgmp_petsc.scene.outputs import STRESSES, OutputEntry
+from pgmp_petsc.scene.references import stress_problems, stressed_bodies
 
-if TYPE_CHECKING:
-    from pgmp_petsc.outputs.of_stresses import Stress
+
+class Stress(OutputEntry):
+    """Stress of a flexible body, or the force or moment in a section of a beam, largest of what it is asked of."""
+
+    type: Literal["stress"]
+    reads = "stresses"
+    body: str = Field(description="name of a flexible body")
+    quantity: Literal[
+        "von_mises",
+        "principal_max",
+        "principal_min",
+        "axial_force",
+        "shear_force",
+        "shear_force_2",
+        "shear_force_3",
+        "torsion_moment",
+        "bending_moment",
+        "bending_moment_2",
+        "bending_moment_3",
+        "stress_max",
+        "stress_min",
+    ] = Field(
+        description="von_mises, principal_max, principal_min (Pa) of solids; of beams axial_force, shear_force (N), "
+        "bending_moment (N m), stress_max, stress_min of the outermost fibres (Pa), in space shear_force_2 and _3, "
+        "bending_moment_2 and _3, torsion_moment"
+    )
+    at: Vector | None = Field(None, description="place in the body's own frame, that of its mesh (m)")
+    group: str | None = Field(
+        None, description="group of faces of a solid, or named point of a beam: the largest value there"
+    )
+    region: str | None = Field(None, description="region of cells of a solid: the largest value there")
+
+    @property
+    def kinked(self) -> bool:
+        """Whether it is asked of more than one place."""
+        return self.at is None
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit its body."""
+        return stress_problems(scene, name, self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.reduced.lagrangian import fill_energies
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.interpolation import Interpolant
@@ -37,21 +37,8 @@ def reduced_energy(
     weights, r = evaluate_weights(terms.weights, values), len(layout.rigid)
     entries = _weighted(terms.terms, weights, q[:, :r])
     entries[:, : layout.n_rigid] = _weighted(terms.rigid, weights, q[:, :r])
-    delta, rate = np.ascontiguousarray(q[:, r:]), v[:, r:]
-    k, j, times = _pairs(r)
-    turning = v[:, k] * v[:, j] * times
-    coupling = entries[:, layout.coupling : layout.stiffness].reshape(len(q), layout.n_rigid, -1)
-    kinetic = 0.5 * _form(entries, 0, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
-    strain = 0.5 * _form(entries, layout.stiffness, delta)
-    if layout.second_order:
-        i, j = _apart(delta.shape[1])
-        swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
-        gyroscopic = entries[:, layout.gyroscopic : layout.damping].reshape(len(q), r, -1)
-        kinetic += np.einsum("nk,nkp,np->n", v[:, :r], gyroscopic, swept)
-        for pair in range(layout.n_rigid):
-            first = layout.swing + pair * _n_packed(delta.shape[1])
-            kinetic -= 0.5 * turning[:, pair] * _form(entries, first, delta)
-        strain += _cubic_form(entries, layout.cubic, delta) / 6.0
+    kinetic, strain = np.zeros((2, len(q)))
+    fill_energies(layout, entries, np.ascontiguousarray(q), np.ascontiguousarray(v), kinetic, strain)
     return kinetic, strain
 
 
@@ -146,51 +133,9 @@ def _add_forms(entries, first, x, result):
             entry += i + 1
 
 
-def _n_packed(n: int) -> int:
-    """Return the number of entries of a packed symmetric matrix."""
-    return n * (n + 1) // 2
-
-
-@cache
-def _pairs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows and columns of a packed symmetric matrix, and how often each entry occurs in it."""
-    i, j = np.tril_indices(n)
-    return i, j, np.where(i == j, 1.0, 2.0)
-
-
-@cache
-def _apart(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of a packed skew matrix."""
-    return np.tril_indices(n, -1)
-
-
 def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
     """Return tensors packed over ``i >= j >= k``, k fastest, as symmetric ones (n, m, m, m)."""
     m = next(m for m in range(packed.shape[1] + 1) if m * (m + 1) * (m + 2) == 6 * packed.shape[1])
     indices = np.indices((m, m, m))
     i, j, k = np.sort(indices, axis=0)[::-1]
     return packed[:, i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
-
-
-def _cubic_form(entries: np.ndarray, first: int, x: np.ndarray) -> np.ndarray:
-    """Return ``T_ijk x_i x_j x_k`` for symmetric tensors packed over ``i >= j >= k`` from an entry on; see `_form`."""
-    result = np.zeros(len(x))
-    _add_cubic_forms(entries, first, x, result)
-    return result
-
-
-@njit(cache=True, entry=True, error_model="numpy", counted=False)
-def _add_cubic_forms(entries, first, x, result):
-    """Add ``T_ijk x_i x_j x_k`` to a result (n,); see `_cubic_form`. An entry occurs in a tensor once, three times or,
-    of three different indices, six times."""
-    for n in range(x.shape[0]):
-        entry = first
-        for i in range(x.shape[1]):
-            for j in range(i + 1):
-                row = 0.0
-                for k in range(j + 1):
-                    same = (1 if i == j else 0) + (1 if j == k else 0)
-                    times = 6.0 if same == 0 else 3.0 if same == 1 else 1.0
-                    row += times * entries[n, entry + k] * x[n, k]
-                result[n] += x[n, i] * x[n, j] * row
-                entry += j + 1

@@ -233,7 +233,7 @@ class ReducedSystem(SecondOrderSystem):
         self.comm, self.n_samples = alone(), n_samples
         self._initial = initial
         self._terms, self._motions = terms, motions
-        self._values = values
+        self.values = values
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
@@ -250,11 +250,6 @@ class ReducedSystem(SecondOrderSystem):
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
         self._functions = functions_of_time(*searched, self.tables.n_coordinates)
-
-    @property
-    def values(self) -> Mapping[str, np.ndarray]:
-        """Parameter values of the samples, each of shape (n_samples,)."""
-        return self._values
 
     @property
     def n_eta(self) -> int:
@@ -352,11 +347,11 @@ class ReducedSystem(SecondOrderSystem):
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the kinetic energy of the samples in a state, shape (n_samples,), J."""
-        return reduced_energy(self._terms, self._values, q, v)[0]
+        return reduced_energy(self._terms, self.values, q, v)[0]
 
     def strain_energy(self, q: np.ndarray) -> np.ndarray:
         """Return the strain energy of the samples at positions (n_samples, n_eta), shape (n_samples,), J."""
-        return reduced_energy(self._terms, self._values, q, np.zeros_like(q))[1]
+        return reduced_energy(self._terms, self.values, q, np.zeros_like(q))[1]
 
     def residual(self, time: float, state: State) -> np.ndarray:
         """Return the residual of the equations of motion, shape (n_samples, n_eta).
@@ -382,13 +377,13 @@ class ReducedSystem(SecondOrderSystem):
         one time after the other, each of shape (n_t * n_samples,)."""
         n, residual = times.size * self.n_samples, self._residuals(times, trail)
         known = self._known(times, trail).reshape(n, 3, len(self._actions.actions))
-        values = {name: np.tile(value, times.size) for name, value in self._values.items()}
+        values = {name: np.tile(value, times.size) for name, value in self.values.items()}
         *parts, residual = (part.reshape(n, -1) for part in (*np.moveaxis(trail, 1, 0), residual))
         return self._energies(values, np.repeat(times, self.n_samples), State(*parts, np.zeros(0)), residual, known)
 
     def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
         """Return energies and powers of a system of one sample at several instants, each a row of the states."""
-        values = {name: value[0] for name, value in self._values.items()}
+        values = {name: value[0] for name, value in self.values.items()}
         trail = np.stack([states.q, states.v, states.a], axis=1)[:, :, None]
         residual, known = self._residuals(times, trail)[:, 0], self._known(times, trail)[:, 0]
         return self._energies(values, times, states, residual, known)

@@ -6,16 +6,27 @@ comparisons on the first rank, so that the number of groups has no part in them.
 rounds of further configurations follow where the interpolated tables differ from the fresh samples.
 
 The curvature of a finished basis at its samples, and the tables of second order that follow from it.
+
+The checkpoint of a build: condensed bodies and finished configurations in a folder beside the result.
+
+The first rank of a group writes what its group has finished, so that nobody waits for another; all ranks read what is
+there when a build is resumed, whatever the number of ranks that wrote it. Configurations are kept in batches, at most
+one every `INTERVAL`, so that quick builds do not spend their time with files.
 """
 
 from __future__ import annotations
 
+import io
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
+import h5py
 import numpy as np
 
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
@@ -26,7 +37,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
 from pgmp_petsc.reduction.continuous_basis import (
     ContinuousBasis,
@@ -37,25 +47,107 @@ from pgmp_petsc.reduction.continuous_basis import (
     midpoints,
 )
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.length_build import build_over_lengths
+from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
-from pgmp_petsc.reduction.mode_changes import StiffnessChanges, mode_changes
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom_file import BodyFile
 from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
 from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
 from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
-from pgmp_petsc.reduction.tables import flipping_signs, indefinite_between, rigid_inertia
+from pgmp_petsc.reduction.tables import (
+    StiffnessChanges,
+    flipping_signs,
+    indefinite_between,
+    mode_changes,
+    rigid_inertia,
+)
 from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.checkpoint_folder import SharedCheckpoint
 from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.effect_checks import stressed_bodies
-from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.references import stressed_bodies
+from pgmp_petsc.scene.uses import length_names
+
+FORMAT = 7
+INTERVAL = 10.0  # s
+LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
+
+
+class BuildCheckpoint(SharedCheckpoint):
+    """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
+
+    `components` are bodies that are condensed already, by name.
+    """
+
+    def __init__(
+        self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
+    ) -> None:
+        self._group = group
+        run = {"format": FORMAT, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
+        super().__init__(output, run, group.world, resume, {"samples-*": _samples_of, "component-*": _component})
+        self._samples_of, self.components = self._known
+        self._waiting: list[dict[str, np.ndarray]] = []
+        self._written = time.monotonic()
+
+    def add_component(self, name: str, component: Component) -> None:
+        """Keep a condensed body; by the first rank of its group."""
+        if self._group.comm.rank > 0:
+            return
+        stream = io.BytesIO()
+        with h5py.File(stream, "w") as file:
+            BodyFile.unfinished(component).put(file)
+        content = np.frombuffer(stream.getvalue(), np.uint8)
+        self._folder.put(f"component-{name}", {"body": np.array(name), "content": content})
+
+    def sample(self, theta: np.ndarray, problem: ModalProblem) -> Sample | None:
+        """Return the finished sample at a configuration (n_theta,), the problem's rows of it, or None."""
+        found = self._samples_of.get(theta.tobytes())
+        if found is None:
+            return None
+        rows = slice(problem.rows.start, problem.rows.stop)
+        return Sample(**{key: value[rows] if key in LOCAL else value for key, value in found.items()})
+
+    def add_sample(self, theta: np.ndarray, sample: Sample, problem: ModalProblem) -> None:
+        """Keep a finished sample. Collective on the problem's ranks."""
+        arrays = {item.name: getattr(sample, item.name) for item in fields(Sample)}
+        arrays |= {key: problem.all_rows(arrays[key]) for key in LOCAL}
+        self._waiting.append({**arrays, "theta": theta})
+        if time.monotonic() - self._written > INTERVAL:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is waiting; by the first rank of a group."""
+        if self._waiting and self._group.comm.rank == 0:
+            # the name is new: a resumed build adds to the files that are there
+            stamp = time.time_ns()
+            joined = {key: np.array([arrays[key] for arrays in self._waiting]) for key in self._waiting[0]}
+            self._folder.put(f"samples-{stamp}-{self._group.index}", joined)
+        self._waiting, self._written = [], time.monotonic()
+
+
+def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
+    """Return finished samples by the bytes of their configuration."""
+    joined = dict(arrays)
+    if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
+        raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
+    if len({len(part) for part in joined.values()}) > 1:
+        raise ValueError("its arrays are not of one number of samples")
+    configurations = joined.pop("theta")
+    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
+
+
+def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
+    """Return a condensed body by its name."""
+    with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
+        return {str(arrays["body"]): BodyFile.take(file).shape}
+
 
 # From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
 # with vectors as they are
@@ -177,6 +269,7 @@ def _built(
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *_on_angles(scene, store.samples, basis.uneven),
+        *_on_vectors(scene.reduction.parameter_modes, tables.n_modes - joined.n_kept),
     )
     return ReducedOrderModel(
         tables=tables,
@@ -189,7 +282,7 @@ def _built(
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
-        points=points,
+        points=replace(points, n_vectors=tables.n_modes - joined.n_kept),
         indefinite=indefinite,
         stiffness_changes=_stiffness_changes(store.samples, joined, basis),
         missed=missed,
@@ -231,6 +324,18 @@ def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark
     return ()
 
 
+def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
+    """Return what is said where there are fewer vectors of other parameter values than asked for."""
+    if found == asked:
+        return ()
+    return (
+        warning(
+            f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
+            "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
+        ),
+    )
+
+
 @dataclass(frozen=True)
 class _Sampling:
     """How the samples of one build are computed."""
@@ -256,10 +361,11 @@ class _Sampling:
                     joined = store.join()
                 with agreed(world, "compression"):
                     if joined is not None:
-                        # later rounds take the first one's: other vectors would have other tables to compare
-                        compression = compression or compression_of(
-                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes
+                        found = compression_of(
+                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes, compression
                         )
+                        if found is not compression:  # other vectors have other tables: nothing to compare
+                            previous, compression = None, found
                         basis = ContinuousBasis.of(
                             mechanism, store.samples, loads, joined, compression,
                             scene.nominal if scene.second_order else None,

@@ -284,16 +284,26 @@ class ContinuousBasis:
 
 
 def compression_of(
-    mechanism: Mechanism, nominal: Mapping[str, float], joined: JoinedSamples, n_parameter: int
+    mechanism: Mechanism,
+    nominal: Mapping[str, float],
+    joined: JoinedSamples,
+    n_parameter: int,
+    before: Compression | None = None,
 ) -> Compression:
     """Return the compression of all samples' snapshots, at the nominal parameters.
 
-    Raises `InputError` if the snapshots do not span so many vectors.
+    That of the samples `before` stays, for tables to be compared, unless one of its vectors vanishes between these: it
+    turned up at a sample that came since. Others are then chosen, or fewer.
+
+    Raises `InputError` if the first samples' snapshots do not span so many vectors.
     """
     n_snapshots = joined.shapes.shape[2] - joined.n_kept
     if not n_parameter:
         return Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
-    return Compression.of(_grams(mechanism, nominal, joined), joined.flipped[:, joined.n_kept :], n_parameter)
+    grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.n_kept :]
+    if before is not None and before.holds(grams):
+        return before
+    return Compression.of(grams, flipped, n_parameter, fewer=before is not None)
 
 
 def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> float:

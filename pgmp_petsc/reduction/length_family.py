@@ -8,29 +8,50 @@ the family are models built at the points l_p; their bases are expressed in that
 so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
 Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`sample_grid`). The kinematics of
 one run are exact: the mechanism is made anew with its lengths.
+
+The build of a family of reduced models over lengths: a model at each point of the grid, all in one gauge.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 
-from pgmp_petsc.bodies.matrices import mass_of_bodies
-from pgmp_petsc.bodies.shape import at_lengths
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
+from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.reduction.cell_products import SecondOrderTables
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.mode_changes import ModeChanges, StiffnessChanges
-from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.reduction.tables import ReducedTables, rigid_inertia
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
+from pgmp_petsc.reduction.tables import (
+    ModeChanges,
+    ReducedTables,
+    StiffnessChanges,
+    indefinite_between,
+    mode_changes,
+    rigid_inertia,
+)
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
+from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.uses import extremes, held, length_names
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from pgmp_petsc.reduction.rom import ReducedOrderModel
+    from pgmp_petsc.reduction.sample_grid import ParameterPoints
+
 
 #: Tables by the weights that their terms have.
 OF_TABLES = {
@@ -156,3 +177,234 @@ class LengthFamily:
     def _blended(self, scene: Scene, arrays: Sequence[np.ndarray]) -> np.ndarray:
         shares = self.grid.shares(scene.values)
         return sum(share * array for share, array in zip(shares, arrays))
+
+
+Build = Callable[
+    [Scene, Mapping[str, BodyShape], SampleGrid | None, "ParameterPoints | None"], "ReducedOrderModel | None"
+]
+
+HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
+LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
+FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more angles are the likelier cure
+POOR_COSINE = 0.5  # between spaces of modes of two lengths; as between neighbouring angles
+MORE = "take more reduction.length_points, or a narrower range"
+
+
+def build_over_lengths(
+    scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: MPI.Comm
+) -> ReducedOrderModel | None:
+    """Build the model at the nominal lengths with its family. Collective on `comm`.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
+    build
+        Builds the model of a scene whose lengths are those of its run, at given configurations and with vectors from
+        given parameter values, or those that the scene asks for; collective, None on all ranks but the first.
+
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, with the lengths at which a build failed, or if models of different lengths do not fit together.
+    """
+    grid = LengthGrid.of(scene)
+
+    def built(own: Scene, values: Mapping[str, float]) -> ReducedOrderModel | None:
+        own, there = held(own, values), points
+        if points is not None and points.values:
+            n = len(points.missed) - 1
+            there = replace(points, values=points.values | {name: np.full(n, value) for name, value in values.items()})
+        try:
+            return build(own, at_lengths(own, meshes), samples, there)
+        except (InputError, RunError) as error:
+            raise type(error)(f"at {_words(values)}: {error}") from error
+
+    nominal_lengths = {name: scene.nominal[name] for name in grid.names}
+    everywhere, samples, points, said = scene, None, None, ()
+    if scene.reduction.sampling_tolerance is not None:
+        asked = [built(scene, values) for values in (nominal_lengths, *extremes(scene))]
+        samples, said = on_root(comm, _common_samples, scene, asked)
+        everywhere = scene.model_copy(
+            update={"reduction": scene.reduction.model_copy(update={"sampling_tolerance": None})}
+        )
+
+    def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
+        return built(everywhere, values)
+
+    nominal = at(nominal_lengths)
+    # vectors of other parameter values are of the same values at all lengths, at as many angles as they asked for
+    points = on_root(comm, attrgetter("points"), nominal)
+    if samples is None and len(scene.coordinates) == 1:
+        samples, _ = on_root(comm, _common_samples, scene, [nominal])
+    members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
+    between = nominal_lengths
+    if grid.height(between) < HIGH:
+        first, second = grid.nodes[:2]
+        between = grid.values_at([0.5 * (first + second)] * len(grid.names))
+    checked = nominal if between is nominal_lengths else at(between)
+    found = None
+    timings = Timings()
+    with agreed(comm, "joining the models of all lengths"):
+        if nominal is not None:
+            with timings.phase("lengths"):
+                gauge = _Gauge.of(held(scene, nominal_lengths), nominal)
+                turned = [gauge.turned(held(scene, values), member) for values, member in zip(grid.points, members)]
+            everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
+            found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
+            found = replace(found, record=replace(found.record, remarks=(*found.record.remarks, *said)))
+    return found
+
+
+def _common_samples(scene: Scene, asked: Sequence[ReducedOrderModel]) -> tuple[SampleGrid, tuple[Remark, ...]]:
+    """Return all configurations that any of some models asked for, of one coordinate, and what is said of them.
+
+    Each begins with the same and halves distances, so that they have most in common. The tables of a mode that changes
+    its sign in a turn go over two, with the same angles in both.
+    """
+    (coordinate,) = scene.coordinates.values()
+    axis, turn = asked[0].tables.samples.axes[0], coordinate.range[1] - coordinate.range[0]
+    end = axis.lower + turn if axis.periodic else np.inf
+    each = [theta[theta < end] for theta in (model.tables.samples.axes[0].theta for model in asked)]
+    theta = np.unique(np.concatenate(each))
+    counts = ", ".join(str(part.size) for part in each)
+    said = note(
+        f"reduction.sampling_tolerance: {theta.size} angles, all that the nominal lengths and the ends of their ranges "
+        f"ask for ({counts}); models at other lengths have the same"
+    )
+    return SampleGrid((Samples(theta, axis.lower, axis.lower + turn, axis.periodic),)), (said,)
+
+
+def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether lengths are equal to round-off."""
+    return all(math.isclose(value, other[name], rel_tol=1e-12, abs_tol=1e-12) for name, value in one.items())
+
+
+def _words(values: Mapping[str, float]) -> str:
+    """Name lengths with their values."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+
+
+@dataclass(frozen=True, eq=False)
+class _Gauge:
+    """The basis that all others are expressed in."""
+
+    model: ReducedOrderModel  # that it is of
+    mass: sp.csr_matrix  # m at the nominal lengths and parameters, shape (n_dofs, n_dofs)
+
+    @classmethod
+    def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:
+        mechanism = Mechanism.from_scene(scene, model.meshes)
+        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+        return cls(model, weighted_sum(masses, scene.nominal))
+
+    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
+        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
+
+        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
+        """
+        own, wanted = member.projection, self.model.projection
+        if own.shape != wanted.shape:
+            lengths = _words({name: scene.values[name] for name in length_names(scene)})
+            cosine = min(member.cosines.min(), self.model.cosines.min())
+            few = "the angles are too few to follow the modes from one to the next"
+            crossed = "modes cross between these lengths"
+            more, other = "more reduction.angles", "another number of reduction.modes"
+            causes = (few, crossed, more, other) if cosine < FOLLOWED else (crossed, few, other, more)
+            raise RunError(
+                "at {}: {} vectors over {} configurations, {} over {} at the nominal lengths (least cosine between "
+                "neighbouring angles {:.2g}): {}, or {}; take {}, or {}, or a narrower range".format(
+                    lengths, own.shape[2], len(own), wanted.shape[2], len(wanted), cosine, *causes
+                )
+            )
+        weighted = np.array([self.mass @ shape for shape in own])
+        gram, crossed = np.swapaxes(own, 1, 2) @ weighted, np.swapaxes(weighted, 1, 2) @ wanted
+        square = np.array([shape.T @ (self.mass @ shape) for shape in wanted])
+        rotations = np.linalg.solve(gram, crossed)
+        projection = own @ rotations
+        tables, curvature = member.tables.turned(rotations), member.curvature
+        if curvature is not None:
+            curvature = curvature @ pair_rotations(rotations)
+            kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
+            masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
+            scheme = scene.reduction.interpolation
+            changes = mode_changes(kinematics, masses, tables.samples, projection, scheme)
+            tables = replace(tables, changes=changes)
+        missed = None if member.missed is None else member.missed.turned(rotations)
+        turned = replace(member, tables=tables, projection=projection, curvature=curvature, missed=missed, meshes={})
+        return turned, _least_cosine(gram, crossed, square)
+
+
+def _least_cosine(one: np.ndarray, crossed: np.ndarray, other: np.ndarray) -> float:
+    """Return the least cosine between two spaces, from Gram matrices of their vectors, (n, m, m) each."""
+    left, right = np.linalg.cholesky(one), np.linalg.cholesky(other)
+    between = np.linalg.solve(left, crossed) @ np.swapaxes(np.linalg.inv(right), 1, 2)
+    return float(np.linalg.svd(between, compute_uv=False).min())
+
+
+def _joined(
+    scene: Scene,
+    grid: LengthGrid,
+    built: Sequence[ReducedOrderModel],
+    turned: Sequence[tuple[ReducedOrderModel, float]],
+    between: tuple[dict[str, float], ReducedOrderModel],
+    seconds: Mapping[str, float],
+) -> ReducedOrderModel:
+    """Return the nominal model, the first that was built, with its family and what is to be said of it."""
+    nominal, cosine = built[0], min(cosine for _, cosine in turned)
+    family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
+    family = replace(family, check=_check(scene, family, nominal, *between))
+    indefinite = indefinite_between(
+        family.merged(nominal).tables, scene.reduction.interpolation, *spanning_values(scene)
+    )
+    timings = dict(seconds)
+    for model in built:
+        for phase, time in model.record.timings.items():
+            timings[phase] = timings.get(phase, 0.0) + time
+    remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
+    record = replace(
+        nominal.record, scene_toml=scene_to_toml(scene), parameters=scene.nominal, timings=timings, remarks=remarks
+    )
+    return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
+
+
+def _check(
+    scene: Scene, family: LengthFamily, nominal: ReducedOrderModel, values: dict[str, float], built: ReducedOrderModel
+) -> LengthCheck:
+    """Compare the family with a model that was built between its points."""
+    own = family.at(scene.with_values(values), nominal)
+    weights = [
+        evaluate_weights(names, scene.nominal) for names in (own.tables.mass_weights, own.tables.stiffness_weights)
+    ]
+    n_modes = nominal.frequencies_hz.shape[1]
+    found, exact = (model.tables.frequencies_hz(*weights)[:, :n_modes] for model in (own, built))
+    blended = sum(share * member.rigid_inertia for share, member in zip(family.grid.shares(values), family.members))
+    inertia = np.max(np.abs(blended - built.rigid_inertia), axis=0) / np.max(np.abs(built.rigid_inertia), axis=0)
+    return LengthCheck(dict(values), float(np.max(np.abs(found / exact - 1.0))), float(np.max(inertia)))
+
+
+def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> list[Remark]:
+    grid, check = family.grid, family.check
+    ranges = ", ".join(f"{name} from {low:g} to {high:g} m" for name, (low, high) in zip(grid.names, grid.ranges))
+    said = (
+        f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
+        f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
+    )
+    poor = max(check.frequencies, check.inertia) > LARGE
+    found = [warning(f"{said}; {MORE}") if poor else note(said)]
+    if cosine < POOR_COSINE:
+        found.append(
+            warning(
+                f"the space of modes turns away between lengths (least cosine {cosine:.2g} to that of the nominal "
+                "ones); take another number of reduction.modes, or a narrower range"
+            )
+        )
+    if indefinite:
+        found.append(warning(f"between lengths: {indefinite}"))
+    return found

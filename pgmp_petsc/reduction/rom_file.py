@@ -115,10 +115,16 @@ class RecoveryFile(Record):
     groups: dict[str, np.ndarray] = array("...", about="nodes of the faces", ordered=True)
     region_names: tuple[str, ...] = attribute("regions@names", "region", about="names of the regions")
     regions: dict[str, np.ndarray] = array("...", about="numbers of the cells", ordered=True)
+    curved: np.ndarray | None = array(
+        "pair of unknowns", "own unknown", unit="SI", absent=None,
+        about=f"what stands for strains of second order of pairs i >= j of the unknowns: {UNKNOWNS}",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n_nodes, wanted = len(self.nodes), self.nodes.size
+        n_nodes, wanted, n = len(self.nodes), self.nodes.size, self.shapes.shape[1]
+        if self.curved is not None and len(self.curved) != n * (n + 1) // 2:
+            raise ValueError(f"recovery/curved has shape {self.curved.shape}, not of {n * (n + 1) // 2} rows")
         if len(self.shapes) != wanted or self.cells.size and not 0 <= self.cells.min() <= self.cells.max() < n_nodes:
             raise ValueError(
                 f"recovery has shapes {self.shapes.shape}, not of {wanted} rows, or cells beyond its nodes"
@@ -134,7 +140,7 @@ class RecoveryFile(Record):
         groups, regions = numbered
         return cls(
             mesh.kind, recovery.answered, mesh.nodes, mesh.cells, recovery.shapes, tuple(mesh.groups), groups,
-            tuple(mesh.regions), regions,
+            tuple(mesh.regions), regions, recovery.curved,
         )  # fmt: skip
 
     @property
@@ -143,7 +149,7 @@ class RecoveryFile(Record):
         groups = {name: self.groups[f"of_{k}"] for k, name in enumerate(self.group_names)}
         regions = {name: self.regions[f"of_{k}"] for k, name in enumerate(self.region_names)}
         mesh = SolidMesh(self.kind, self.nodes, self.cells, groups=groups, regions=regions)
-        return Recovery(mesh, self.shapes, self.answered)
+        return Recovery(mesh, self.shapes, self.answered, self.curved)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names, length_range
+from pgmp_petsc.scene.uses import length_names, length_range
 
 
 @dataclass(frozen=True, eq=False)

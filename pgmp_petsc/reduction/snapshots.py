@@ -6,7 +6,7 @@ happens to their order of importance along theta. C holds the leading eigenvecto
 ``mean_k X_k^T M X_k`` (a proper orthogonal decomposition in the M-norm over all samples).
 
 Where in the parameter space they are taken is a greedy choice. Candidates span the distributions
-(`scene.spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
+(`spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
 and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
 point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
 worst candidate hardly better."""
@@ -27,7 +27,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
 
 
 class ParameterSnapshots:
@@ -101,8 +101,8 @@ class ParameterSnapshots:
 
 # Smallest eigenvalue of ``E^T M E`` at any configuration; its mean is 1. Tables of vectors that nearly vanish somewhere
 # are interpolated badly there: with 1e-4 the slider-crank's deformation errs by percents, with 1e-2 no more than
-# elsewhere.
-INDEPENDENT = 1e-3
+# elsewhere; with 1e-3 made orthonormal they turn within 0.03 rad over the size's own rate.
+INDEPENDENT = 1e-2
 ROUND_OFF = 1e-10  # mean squares below this share of the largest one
 
 
@@ -115,7 +115,7 @@ class Compression:
     flips: np.ndarray
 
     @classmethod
-    def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int) -> Compression:
+    def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int, fewer: bool = False) -> Compression:
         """Find the leading vectors.
 
         Raises `InputError` if they are not independent at every configuration: where one vanishes, the reduced mass
@@ -130,20 +130,28 @@ class Compression:
             over two of them, those that do are orthogonal to those that do not.
         n_parameter
             Number of vectors wanted.
+        fewer
+            Whether fewer will do.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
         squares, vectors = squares[::-1], vectors[:, ::-1]
         chosen = _independent(grams, squares, vectors, n_parameter)
-        if len(chosen) < n_parameter:
+        if len(chosen) < n_parameter and not fewer:
             raise InputError(
                 f"reduction.parameter_modes = {n_parameter}: modes and static modes at other parameter values give no "
                 f"more than {len(chosen)} vectors that are independent at every configuration; take fewer"
             )
         squares, vectors = squares[chosen], vectors[:, chosen]
         largest = np.argmax(np.abs(vectors), axis=0)
-        signs = np.sign(vectors[largest, range(n_parameter)])
+        signs = np.sign(vectors[largest, range(len(chosen))])
         return cls(signs * vectors / np.sqrt(squares), flipped[:, largest])
+
+    def holds(self, grams: np.ndarray) -> bool:
+        """Return whether the vectors are independent at every configuration of Gram matrices (n, n_snapshots,
+        n_snapshots), which may be other ones than they were found at."""
+        squares = np.linalg.eigvalsh(self.matrix.T @ grams @ self.matrix)
+        return bool(squares.min(initial=np.inf) >= INDEPENDENT)
 
     def beside(self, n_kept: int) -> np.ndarray:
         """Return the matrix leaving kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""

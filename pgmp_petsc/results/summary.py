@@ -95,14 +95,14 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
         scene = str(tomllib.loads(record.scene_toml)["scene"]["name"])
     except (tomllib.TOMLDecodeError, KeyError, TypeError):
         scene = ""
-    return {
-        "scene": scene,
-        "parameters": record.parameters,
-        "seed": record.seed,
-        "ranks": record.ranks,
-        "remarks": [asdict(remark) for remark in record.remarks],
-        "timings": record.timings,
-    }
+    remarks = [asdict(remark) for remark in record.remarks]
+    own = _parts(record, "parameters", "seed", "ranks")
+    return {"scene": scene, **own, "remarks": remarks, "timings": record.timings}
+
+
+def _parts(of: object, *names: str) -> dict[str, Any]:
+    """Return attributes by their names."""
+    return {name: getattr(of, name) for name in names}
 
 
 def _shard(shard: ShardSamples) -> dict[str, Any]:
@@ -125,8 +125,7 @@ def _run(run: Trajectory) -> dict[str, Any]:
         }
     errors, balance = run.errors, run.balance
     return {
-        "model": run.model,
-        "status": run.status,
+        **_parts(run, "model", "status"),
         "why_stopped": run.why_stopped or None,
         "end_time": run.time[-1],
         "steps": len(run.time) - 1,
@@ -170,24 +169,18 @@ def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
         },
         "probabilities": {
             label: {
-                "event": chance.event,
-                "estimate": chance.estimate,
-                "interval": chance.interval,
-                "confidence": chance.confidence,
-                "count": chance.count,
+                **_parts(chance, "event", "estimate", "interval", "confidence", "count"),
                 "samples": chance.n,
                 "failed": chance.n_failed,
                 "decided": chance.is_decided(),
                 "decided_by": "" if chance.is_decided() else chance.decided_by,
-                "model_error": chance.model_error,
-                "holds_to": chance.holds_to,
+                **_parts(chance, "model_error", "holds_to"),
             }
             for label, chance in ensemble.probabilities.items()
         },
         "sobol": {
             name: {
-                "parameters": found.parameters,
-                "confidence": found.confidence,
+                **_parts(found, "parameters", "confidence"),
                 "S1": found.first,
                 "S1_interval": found.first_interval,
                 "ST": found.total,
@@ -208,10 +201,7 @@ def _joined(joined: Joined) -> dict[str, Any]:
         "figures": {
             name: {
                 "samples": found.counts,
-                **{
-                    key: {"estimate": figure.estimate, "interval": figure.interval, "narrower": figure.narrower}
-                    for key, figure in found.figures.items()
-                },
+                **{key: _parts(one, "estimate", "interval", "narrower") for key, one in found.figures.items()},
             }
             for name, found in joined.corrected.items()
         },
@@ -233,13 +223,7 @@ def _stopping(stopping: Stopping) -> dict[str, Any]:
 def _statistics(s: Statistics) -> dict[str, Any]:
     quantiles = zip(s.probabilities, s.quantiles, s.quantile_intervals, s.quantile_bounds)
     return {
-        "count": s.count,
-        "constant": s.constant,
-        "confidence": s.confidence,
-        "mean": s.mean,
-        "mean_interval": s.mean_interval,
-        "std": s.std,
-        "std_interval": s.std_interval,
+        **_parts(s, "count", "constant", "confidence", "mean", "mean_interval", "std", "std_interval"),
         "quantiles": [
             {"probability": p, "value": value, "interval": ends, "bounds": bounds}
             for p, value, ends, bounds in quantiles
@@ -249,8 +233,7 @@ def _statistics(s: Statistics) -> dict[str, Any]:
 
 def _study(study: Tradeoff) -> dict[str, Any]:
     return {
-        "samples": study.samples,
-        "reference": study.reference,
+        **_parts(study, "samples", "reference"),
         "settings": [
             {
                 "name": study.name(row),

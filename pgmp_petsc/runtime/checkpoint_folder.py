@@ -29,11 +29,11 @@ from zipfile import BadZipFile
 import numpy as np
 
 from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.ending import keep, keep_no_longer
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.plugins import in_use
 from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, identity, sealed
-from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
 if TYPE_CHECKING:
     from mpi4py import MPI

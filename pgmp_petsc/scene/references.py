@@ -1,33 +1,363 @@
 """Checks across tables: names that entries refer to exist and are of the right kind, and values fit.
 
 Checks that entries belong to where the mechanism moves: the plane, or space where bodies are beam3d or solid3d.
+
+Checks of effects against the rest of a scene: joints and points of the right kind, mutually exclusive effects.
+
+Loads whose values over time name parameters, as several loads: numbers, and one for each parameter.
+
+A function of time whose values are numbers or parameters is affine in the parameters,
+
+    f(t, p) = f_0(t) + sum_k p_k f_k(t),
+
+where f_0 has the numbers with zeros in place of the names, and f_k ones where p_k is named and zeros elsewhere. Each
+is a load of its own with a function that holds numbers alone, and p_k for its `scale`: what models, samples and
+derivatives know of loads holds for it as it is.
+
+The impulse of a table over time, and what the integrator sees of it: the trapezoidal rule on its steps.
+
+A table is linear between its rows, so that the rule is exact in every step without a row inside: whatever the number of
+steps, only those with rows are looked at.
+
+Checks of stress outputs against the bodies that they name; places on a mesh are checked where there is a mesh.
+
+The points of bodies that a scene names: where its joints, effects and outputs hold.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effect_checks import (
-    effect_problems,
-    joint_problems,
-    motion_problems,
-    point_problems,
-    points_problems,
-    unknown,
-)
-from pgmp_petsc.scene.effects import Driving
+from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import joints_with
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.uses import Use, uses_of
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
+from pgmp_petsc.scene.uses import Use, ordered_ends, uses_of
 
 if TYPE_CHECKING:
+    from pgmp_petsc.scene.bodies import Body
     from pgmp_petsc.scene.schema import Scene
+
+
+LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
+STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
+
+
+def effect_problems(scene: Scene) -> Iterator[str]:
+    """Yield one line for each entry of an effect that does not fit."""
+    for name, effect in scene.effects.items():
+        entry = f"effects.{name}"
+        if effect.joints and effect.joint is not None:
+            fitting = joints_with(*effect.joints, dimension=scene.dimension)
+            yield from joint_problems(scene, f"{entry}.joint", effect.joint, fitting)
+            yield from motion_problems(scene, entry, effect)
+        for key, ground_allowed in (("point", False), ("towards", True)):
+            point = getattr(effect, key, None)
+            if point is not None:
+                yield from point_problems(scene, f"{entry}.{key}", point, ground_allowed)
+        points = getattr(effect, "points", None)
+        if points is not None:
+            yield from points_problems(scene, f"{entry}.points", points)
+        yield from effect.problems(scene, name)
+        if effect.single:
+            others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
+            if name != others[0]:
+                yield problem(entry, f"effects.{others[0]} is of the same type; a scene has one at most")
+    yield from _ends_apart(scene)
+
+
+def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
+    """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
+    fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
+    named = " or ".join(kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    if joint not in scene.joints:
+        yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
+    elif joint not in fitting:
+        yield problem(
+            entry,
+            f"a {named} joint is needed, this one is a {scene.joints[joint].type}"
+            f" (allowed: {', '.join(fitting) or 'none is defined'})",
+            joint,
+        )
+
+
+def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
+    """Yield a line if the motion of a joint with several is not said, or that of another one is."""
+    joint, motion = scene.joints.get(on_joint.joint), getattr(on_joint, "motion", None)
+    several = joint is not None and len(joint.motions) > 1
+    if several and motion is None and "motion" in type(on_joint).model_fields:
+        needed = " or ".join(f'"{one}"' for one in joint.motions)
+        yield problem(f"{entry}.motion", f"missing; {on_joint.joint} is {joint.type}: {needed} is needed")
+    elif motion is not None and not several:
+        kinds = (kind.model_fields["type"].annotation.__args__[0] for kind in JOINTS.found() if len(kind.motions) > 1)
+        words = f"for {', '.join(kinds)} joints; others have one motion; leave it out"
+        yield problem(f"{entry}.motion", words, motion)
+
+
+def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
+    """Check the owner of a point, and the point if on the ground; only its mesh knows a body's points."""
+    owner, name = split_point(point)
+    if owner == GROUND and not ground_allowed:
+        yield problem(entry, "a point of a body is needed; the ground does not move", point)
+    elif owner == GROUND:
+        if name not in scene.ground.positions:
+            yield unknown(entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions])
+    elif owner not in scene.bodies:
+        known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
+        yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)
+
+
+def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the line about a name that nothing has."""
+    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
+
+
+def points_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+    """Yield a line for each of two points that there is not, and if their distance cannot change."""
+    for point in points:
+        yield from point_problems(scene, entry, point, True)
+    yield from apart_problems(scene, entry, points)
+
+
+def apart_problems(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+    """Check that the distance of two points can change."""
+    owners = [split_point(point)[0] for point in points]
+    body = scene.bodies.get(owners[0])
+    if points[0] == points[1]:
+        yield problem(entry, "two different points are needed", list(points))
+    elif owners == [GROUND, GROUND]:
+        yield problem(entry, "a point of a body is needed; the ground does not move", list(points))
+    elif owners[0] == owners[1] and body is not None and not body.flexible:
+        yield problem(entry, f"{owners[0]} is rigid; the distance of its points does not change", list(points))
+
+
+def load_problems(scene: Scene, name: str, effect: OverTime) -> Iterator[str]:
+    """Yield a line for each part of a load that steps do not resolve; harmonics have one frequency, told once."""
+    parts = parts_of(name, effect).values()
+    yield from dict.fromkeys(line for part in parts for line in _part_problems(scene, f"effects.{name}", part))
+
+
+def _part_problems(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
+    if effect.harmonic is not None:
+        yield from harmonic_problems(scene, entry, effect)
+    elif scene.simulation.tolerance is None:  # otherwise the step is not known yet
+        yield from _impulse(scene, f"{entry}.table", effect)
+
+
+def harmonic_problems(scene: Scene, entry: str, effect: OverTime | Driving) -> Iterator[str]:
+    """Yield a line if steps are too few in a period: the integrator sees values at the ends of steps."""
+    run = scene.simulation
+    if run.tolerance is None and run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
+        yield problem(
+            f"{entry}.harmonic.frequency_hz",
+            f"needs a simulation.step of at most {1.0 / (STEPS_A_PERIOD * effect.harmonic.frequency_hz):.3g} s, "
+            f"{STEPS_A_PERIOD} a period; it is {run.step:g} s",
+            effect.harmonic.frequency_hz,
+        )
+
+
+def _impulse(scene: Scene, entry: str, effect: OverTime) -> Iterator[str]:
+    run = scene.simulation
+    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
+    found = impulse_of(effect.table, run.duration, n_steps)
+    # what sets in within a step is seen half a step early or late; that is as it should be
+    tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
+    if abs(found.seen - found.exact) > tolerated:
+        yield problem(
+            entry,
+            f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} "
+            f"read every {run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
+        )
+
+
+def _ends_apart(scene: Scene) -> Iterator[str]:
+    """Check that entries that are in order are, nominally and in a single run."""
+    for entry, other, lower, upper, share in ordered_ends(scene):
+        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
+            continue  # said elsewhere
+        for values in (scene.nominal, scene.values):
+            low, high = scene.number(lower, values), share * scene.number(upper, values)
+            if not low < high:
+                behind = f", not {low:g}" if isinstance(lower, str) else ""
+                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
+                break
+
+
+HARMONIC = ("amplitude", "mean")
+
+
+def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
+    """Return the loads that an effect is made of; any other effect as it is.
+
+    Several are named after the effect and their parameters, ``NAME_PARAMETER``; the one of numbers has the effect's
+    name, and so has one that is alone.
+    """
+    if not isinstance(effect, OverTime):
+        return {name: effect}
+    parameters = effect.parameters_over_time
+    if not parameters:
+        return {name: effect}
+    parts: dict[str, EffectEntry] = {} if _is_zero(effect) else {name: _part(effect, None)}
+    for parameter in parameters:
+        parts[f"{name}_{parameter}"] = _part(effect, parameter)
+    return parts if len(parts) > 1 else {name: next(iter(parts.values()))}
+
+
+def part_problems(scene: Scene) -> Iterator[str]:
+    """Yield a line for each effect that has the name of a part of another one."""
+    for name, effect in scene.effects.items():
+        for part in parts_of(name, effect):
+            if part != name and part in scene.effects:
+                yield problem(f"effects.{part}", f"a part of effects.{name} has this name; give it another one")
+
+
+def _is_zero(effect: OverTime) -> bool:
+    """Return whether all values that are numbers are zero."""
+    return not any(value for _, value in effect.values_over_time if not isinstance(value, str))
+
+
+def _part(effect: OverTime, parameter: str | None) -> OverTime:
+    """Return the load of one parameter, or of the numbers."""
+
+    def value_of(value: float | str) -> float:
+        if parameter is None:
+            return 0.0 if isinstance(value, str) else value
+        return effect.scale if value == parameter else 0.0
+
+    if effect.harmonic is not None:
+        values = {key: value_of(getattr(effect.harmonic, key)) for key in HARMONIC}
+        changed = {"harmonic": effect.harmonic.model_copy(update=values)}
+    else:
+        changed = {"table": tuple((time, value_of(value)) for time, value in effect.table)}
+    return effect.model_copy(update=changed | ({} if parameter is None else {"scale": parameter}))
+
+
+@dataclass(frozen=True)
+class Impulse:
+    """Integrals of a table over a run, in its unit times s."""
+
+    #: exact, seen: of the table, and of its values at the ends of steps by the trapezoidal rule
+    exact: float
+    seen: float
+    whole: float  # of its magnitude
+    largest: float  # largest magnitude at the end of a step, in the table's unit
+
+
+def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: int) -> Impulse:
+    """Return the impulse of a table of rows (time, value) over a run of `n_steps` equal steps.
+
+    Takes time and memory by the number of rows, not of steps.
+    """
+    times, values = np.array(table, dtype=float).T
+    step = duration / n_steps
+    inside = times[(times > 0.0) & (times < duration)]
+    first = np.clip(np.floor(inside / step), 0, n_steps - 1)  # the step that a row is in
+    ends = np.unique(np.concatenate([[0.0, duration], first * step, np.minimum((first + 1) * step, duration)]))
+    knots = np.union1d(ends, inside)
+
+    at_knots, at_ends = np.interp(knots, times, values), np.interp(ends, times, values)
+    return Impulse(
+        exact=float(_trapezoid(at_knots, knots)),
+        seen=float(_trapezoid(at_ends, ends)),
+        whole=float(_magnitude(at_knots, knots)),
+        largest=float(np.max(np.abs(at_ends))),
+    )
+
+
+def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:
+    return 0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at))
+
+
+def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
+    """Integrate the magnitude of what is linear between `at`, changes of sign included."""
+    a, b = values[:-1], values[1:]
+    turns = a * b < 0.0
+    total = np.abs(a) + np.abs(b)
+    # two triangles where the sign changes
+    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
+    return 0.5 * np.sum(share * np.diff(at))
+
+
+PLACES = ("at", "group", "region")
+
+
+def stressed_bodies(scene: Scene) -> set[str]:
+    """Return the names of the bodies that stress outputs name."""
+    return {output.body for output in scene.outputs.values() if output.reads == "stresses"}
+
+
+def stress_problems(scene: Scene, name: str, output: OutputEntry) -> Iterator[str]:
+    """Yield one line for each entry of a stress output that does not fit the body it names."""
+    entry = f"outputs.{name}"
+    if output.body not in scene.bodies:
+        yield problem(f"{entry}.body", f"there is no such body{nearest_name(output.body, scene.bodies)}", output.body)
+        return
+    body = scene.bodies[output.body]
+    if not body.flexible:
+        why = "this body is rigid, so nothing is known of its stresses; take a flexible body, or make it flexible"
+        yield problem(f"{entry}.body", why, output.body)
+        return
+    if body.section_scale is not None:
+        why = f"a body with section_scale has no stress outputs; leave bodies.{output.body}.section_scale out"
+        yield problem(f"{entry}.body", why, output.body)
+    if body.matrices is not None:
+        why = f"matrices do not tell stresses from displacements; give bodies.{output.body} a mesh, or leave it out"
+        yield problem(f"{entry}.body", why, output.body)
+        return
+    yield from _quantity(entry, output, body)
+    yield from _place(entry, output, body)
+
+
+def _quantity(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
+    allowed = STRESSES[body.element]
+    if output.quantity not in allowed:
+        why = f"a {body.element} has no such quantity; allowed: {', '.join(allowed)}"
+        yield problem(f"{entry}.quantity", why, output.quantity)
+    elif output.quantity in OF_FIBRES and body.material is None:
+        forces = ", ".join(name for name in allowed if name not in OF_FIBRES)
+        why = f"a section given by coefficients has no outermost fibre; allowed: {forces}"
+        yield problem(f"{entry}.quantity", why, output.quantity)
+
+
+def _place(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
+    given = [key for key in PLACES if getattr(output, key) is not None]
+    if len(given) > 1:
+        why = f"at most one of {', '.join(PLACES)} is needed; {' and '.join(given)} are given"
+        yield problem(f"{entry}.{given[-1]}", why)
+    if output.at is not None and len(output.at) != body.dimension:
+        words = "two numbers (x, y)" if body.dimension == 2 else "three numbers (x, y, z)"
+        yield problem(f"{entry}.at", f"{words} are needed for a {body.element}", list(output.at))
+    if output.region is not None and not body.continuum:
+        why = f"a {body.element} has no regions; take at or group, or leave it out for the whole body"
+        yield problem(f"{entry}.region", why, output.region)
+
+
+def points_used(scene: Scene, body: str) -> dict[str, str]:
+    """Return the points of a body that the scene names, each with the entry that names it first."""
+    addresses: list[tuple[str, str]] = []
+    for name, joint in scene.joints.items():
+        addresses += [(address, f"joints.{name}.connect") for address in joint.connect]
+    for table in ("effects", "outputs"):
+        for name, entry in getattr(scene, table).items():
+            for key in ("point", "points", "towards"):
+                value = getattr(entry, key, None)
+                named = (value,) if isinstance(value, str) else value or ()
+                addresses += [(address, f"{table}.{name}.{key}") for address in named]
+    found: dict[str, str] = {}
+    for address, entry in addresses:
+        owner, point = split_point(address)
+        if owner == body:
+            found.setdefault(point, entry)
+    return found
 
 
 MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after the other: some seconds

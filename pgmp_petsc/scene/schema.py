@@ -11,11 +11,9 @@ from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.scene.bodies import Body, Material
-from pgmp_petsc.scene.effect_checks import part_problems, parts_of
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
-from pgmp_petsc.scene.lengths import length_problems
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import (
     Ensemble,
@@ -28,9 +26,9 @@ from pgmp_petsc.scene.numerics import (
 )
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
-from pgmp_petsc.scene.references import reference_problems
+from pgmp_petsc.scene.references import part_problems, parts_of, reference_problems
 from pgmp_petsc.scene.units import unit_problems
-from pgmp_petsc.scene.uses import Sign, uses_of
+from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 

@@ -1,15 +1,25 @@
 """Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have.
 
 What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line.
+
+Parameters that are lengths or places: the length of a straight body, the place of a joint on the ground.
+
+They change the rigid motion, and nothing is affine in them: a reduced model is built at some of their values and
+interpolates between these (`reduction.length_family`), so that each needs a range: its bounds, within what its
+distribution gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pgmp_petsc.scene.fields import Sign
+from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -95,3 +105,114 @@ def slides(scene: Scene, entry: Any) -> bool:
     joint = scene.joints.get(getattr(entry, "joint", None))
     motions = () if joint is None else joint.motions
     return getattr(entry, "motion", None) == "sliding" if len(motions) > 1 else motions == ("sliding",)
+
+
+MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
+
+
+def length_names(scene: Scene) -> tuple[str, ...]:
+    """Return the parameters that are lengths or places, sorted."""
+    return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
+
+
+def length_range(scene: Scene, name: str) -> tuple[float, float]:
+    """Return the smallest and largest value (m) of a parameter; infinite where nothing says an end."""
+    parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
+    if parameter.bounds is not None:
+        low, high = parameter.bounds
+    if parameter.distribution is not None:
+        least, most = parameter.distribution.support
+        low, high = max(low, least), min(high, most)
+    return float(low), float(high)
+
+
+def extremes(scene: Scene) -> Iterator[dict[str, float]]:
+    """Yield the ends of every length with nominal others, and those of all together, where there are several."""
+    ranges = {name: length_range(scene, name) for name in length_names(scene)}
+    nominal = {name: scene.nominal[name] for name in ranges}
+    for name, ends in ranges.items():
+        for end in ends:
+            yield nominal | {name: end}
+    for side in (0, 1) if len(ranges) > 1 else ():
+        yield {name: ends[side] for name, ends in ranges.items()}
+
+
+def held(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
+    fixed = {"distribution": None, "bounds": None}
+    changed = {
+        name: scene.parameters[name].model_copy(update={"nominal": value, "value": value, **fixed})
+        for name, value in values.items()
+    }
+    return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
+
+
+def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene in which lengths and places are numbers, by the name of the parameter that each was."""
+    bodies = dict(scene.bodies)
+    for name, body in bodies.items():
+        if body.line is not None and body.line.length in values:
+            line = body.line.model_copy(update={"length": values[body.line.length]})
+            bodies[name] = body.model_copy(update={"line": line})
+    points = {
+        name: tuple(values.get(x, x) if isinstance(x, str) else x for x in place)
+        for name, place in scene.ground.points.items()
+    }
+    ground = scene.ground.model_copy(update={"points": points})
+    return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground})
+
+
+def length_problems(scene: Scene) -> Iterator[str]:
+    """Yield one line for each length or place that a parameter cannot be as it is given."""
+    names = [name for name in length_names(scene) if name in scene.parameters]
+    first = {use.parameter: use for use in reversed(list(length_uses(scene)))}
+    others = {use.parameter: use for use in uses_of(scene) if use.entry not in _entries(scene)}
+    for name in names:
+        yield from _of_parameter(scene, name, first[name], others.get(name))
+    count = scene.reduction.length_points ** len(names)
+    if count > MOST_BUILDS:
+        yield problem(
+            "reduction.length_points",
+            f"of {len(names)} lengths and places ({', '.join(names)}) make {count} builds; at most {MOST_BUILDS} are "
+            "made. Take fewer points, or numbers in place of some parameters",
+            scene.reduction.length_points,
+        )
+    for name, field in scene.fields.items():
+        body = scene.bodies.get(field.body)
+        if body is not None and body.line is not None and isinstance(body.line.length, str):
+            yield problem(
+                f"fields.{name}.body",
+                f"its length is the parameter {body.line.length}, and a field is over one mesh; give a number to "
+                f"bodies.{field.body}.line.length",
+                field.body,
+            )
+
+
+def _entries(scene: Scene) -> set[str]:
+    return {use.entry for use in length_uses(scene)}
+
+
+def _of_parameter(scene: Scene, name: str, use: Use, other: Use | None) -> Iterator[str]:
+    entry, parameter = f"parameters.{name}", scene.parameters[name]
+    if other is not None:
+        yield problem(
+            entry,
+            f"{use.entry} and {other.entry} use it; what is a length or a place cannot be anything else, so take a "
+            "parameter for each",
+        )
+    low, high = length_range(scene, name)
+    if not (math.isfinite(low) and math.isfinite(high)):
+        yield problem(
+            f"{entry}.bounds",
+            f"missing; {use.entry} uses it, and the reduced model is built between its ends: give bounds = [low, high] "
+            "(m), or a distribution that has both, such as uniform",
+        )
+    elif use.sign == "positive" and low <= 0.0:
+        yield problem(f"{entry}.bounds", f"must be positive, because {use.entry} uses it", [low, high])
+    else:
+        for key in ("nominal", "value"):
+            number = getattr(parameter, key)
+            if number is not None and not low <= number <= high:
+                yield problem(
+                    f"{entry}.{key}", f"must lie inside [{low:g}, {high:g}], between which {use.entry} is", number
+                )

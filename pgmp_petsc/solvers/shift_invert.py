@@ -9,22 +9,342 @@ The options prefix is the caller's, for every problem its own (e.g. ``-pgmp_mode
 counts has ``count_`` after it.
 
 What every eigensolver's pairs have to pass: residuals, and that none is missing below the highest.
+
+``A - sigma B``, factorised by MUMPS, in memory or in files: for answers, or to count eigenvalues.
+
+What a factor takes is known to MUMPS after its analysis. Where that is more than it may have, it ends there, and the
+factor is made once more and kept in files ("out of core"): the same to round-off, and every solve has to read it. A
+factor that only counts the eigenvalues below sigma (Sylvester's law of inertia: as many as there are negative pivots)
+is not kept at all; MUMPS drops what no later pivot needs, and takes a fraction of the memory.
+
+Block low-rank factors are no alternative here: see docs/solids.md.
+
+A folder for factors that do not fit into memory, one a rank; MUMPS writes and reads them there.
+
+It is made where MUMPS' own variable ``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``), and is gone
+when the factor is, also after a failure and after the signals that end a run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import PgmpError, RunError
-from pgmp_petsc.runtime.petsc import petsc_solver
-from pgmp_petsc.solvers.shifted_factor import ShiftedFactor, apply_inverse, check_factor, use_cholesky
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.ending import keep_no_longer, remove_at_end
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, counted
+from pgmp_petsc.runtime.petsc import petsc_solver, solve_columns
+from pgmp_petsc.runtime.progress import announce
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
+
+
+MUMPS = "mumps"
+OUT_OF_CORE, MOST_MEMORY, NULL_PIVOTS, DISCARD = 22, 23, 24, 31  # numbers of MUMPS' settings ICNTL
+TOO_LITTLE = (-8, -9, -13, -19)  # INFOG(1): what there is, or may be had, does not hold the factor
+NO_FILES = -90
+
+
+class ShiftedFactor:
+    """A factor that is made anew for matrices of one nonzero pattern, after one analysis. Collective on the matrices.
+
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    prefix
+        Of the options that reach its linear solver.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    counts
+        Only count eigenvalues.
+
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
+    """
+
+    def __init__(self, comm: PETSc.Comm, prefix: str, memory: float | None = None, counts: bool = False) -> None:
+        from petsc4py import PETSc
+
+        self._prefix, self._memory, self._counts = prefix, memory, counts
+        self._matrix: PETSc.Mat | None = None
+        self._files: FactorFiles | None = None
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOptionsPrefix(prefix)
+        use_cholesky(self._ksp)
+        try:
+            with petsc_solver(prefix, "linear solver"):
+                self._ksp.setFromOptions()
+        except Exception:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Destroy the PETSc objects, and remove the files."""
+        self._ksp.destroy()
+        self.forget_pattern()
+
+    def forget_pattern(self) -> None:
+        """Drop the analysis and the factor; to be called when the next matrices have another nonzero pattern."""
+        if self._ksp:
+            self._ksp.reset()
+        if self._matrix is not None:
+            self._matrix.destroy()
+            self._matrix = None
+        if self._files is not None:
+            self._files.close()
+            self._files = None
+
+    def factor(self, a: PETSc.Mat, b: PETSc.Mat, shift: float, what: str) -> None:
+        """Factorise ``A - sigma B``.
+
+        Raises `InputError` if files are needed and no folder can be made for them; `RunError` if the factorisation
+        fails.
+
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        shift
+            sigma.
+        what
+            What it is for, in messages.
+        """
+        from petsc4py import PETSc
+
+        pattern, fresh = PETSc.Mat.Structure.SAME_NONZERO_PATTERN, self._matrix is None
+        if fresh:
+            self._matrix = a.duplicate(copy=True)
+        else:
+            a.copy(self._matrix, structure=pattern)
+        self._matrix.axpy(-shift, b, structure=pattern)
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        with petsc_solver(self._prefix, what):
+            self._set_up(fresh)
+            if self._lacks_memory():
+                self._turn_to_files(what)
+                self._set_up(True)
+        factor = self._mumps_factor()
+        if factor is not None and factor.getMumpsInfog(1) == NO_FILES:
+            factor.incRef()  # its end would fail as well, and PETSc with it: it is left to that of the process
+        check_factor(self._ksp, what, self._files)
+
+    def apply_inverse(self, columns: np.ndarray, what: str) -> np.ndarray:
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k). Raises `RunError` if a solve fails."""
+        with petsc_solver(self._prefix, what):
+            return apply_inverse(self._ksp, columns, what)
+
+    def negative_pivots(self) -> int:
+        """Return the number of eigenvalues of (A, B) below sigma, B positive definite."""
+        return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
+
+    def _mumps_factor(self) -> PETSc.Mat | None:
+        """Return MUMPS' matrix, which need not be factorised; None where the user has chosen another solver."""
+        pc = self._ksp.getPC()
+        if pc.getType() not in ("cholesky", "lu") or pc.getFactorSolverType() != MUMPS:
+            return None
+        pc.setFactorSetUpSolverType()
+        return pc.getFactorMatrix()
+
+    def _set_up(self, fresh: bool) -> None:
+        """Factorise the shifted matrix, after an analysis where its pattern is new."""
+        self._ksp.setOperators(self._matrix)
+        factor = self._mumps_factor()
+        if fresh and factor is not None:
+            self._prepare(factor)
+        with nullcontext() if self._files is None else self._files.used():
+            self._ksp.setUp()
+
+    def _prepare(self, factor: PETSc.Mat) -> None:
+        """Set what MUMPS reads at its analysis; the user's options come after and win."""
+        factor.setOptionsPrefix(self._ksp.getOptionsPrefix())  # else it gets one too late for its options
+        if self._counts:
+            factor.setMumpsIcntl(NULL_PIVOTS, 1)  # MUMPS reports its inertia only with null-pivot detection on
+            factor.setMumpsIcntl(DISCARD, 1)
+        elif self._files is not None:
+            factor.setMumpsIcntl(OUT_OF_CORE, 1)
+        elif self._memory is not None:
+            factor.setMumpsIcntl(MOST_MEMORY, max(1, int(self._memory / 1e6)))
+        if self._files is None and self._given():
+            self._open_files()
+
+    def _given(self) -> bool:
+        """Return whether a user has said where factors are to be."""
+        from petsc4py import PETSc
+
+        return PETSc.Options(self._prefix).hasName(f"mat_mumps_icntl_{OUT_OF_CORE}")
+
+    def _lacks_memory(self) -> bool:
+        """Return whether the factor failed for lack of memory and may be kept in files. Files are tried once."""
+        factor = self._mumps_factor()
+        if factor is None or self._counts or self._files is not None or self._given():
+            return False
+        return factor.getMumpsInfog(1) in TOO_LITTLE
+
+    def _turn_to_files(self, what: str) -> None:
+        """Drop a factor that failed; the next one goes into files."""
+        comm, size = self._ksp.getComm(), self._matrix.getSize()[0]
+        needed = 1e-3 * self._mumps_factor().getMumpsInfog(17)
+        self._ksp.reset()
+        self._open_files()
+        announce(
+            f"{what}: the factor of {size} unknowns takes {needed:.2g} GB, more than it may have of the memory of "
+            f"{counted(comm.size, 'rank')}; it is kept in files in '{self._files.path}', "
+            f"{1e-9 * self._files.free:.3g} GB free",
+            comm.tompi4py(),
+        )
+
+    def _open_files(self) -> None:
+        with agreed(self._ksp.getComm().tompi4py(), "folder of a factor"):
+            self._files = FactorFiles()
+
+
+def use_cholesky(ksp: PETSc.KSP) -> None:
+    """Let MUMPS solve; options may choose otherwise."""
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("cholesky")
+    pc.setFactorSolverType(MUMPS)
+
+
+def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) -> None:
+    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
+
+    Raises `RunError`, with MUMPS' own error and the size of the system.
+    """
+    pc = ksp.getPC()
+    factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
+    if factor and factor.handle and pc.getFactorSolverType() == MUMPS and factor.getMumpsInfog(1) < 0:
+        raise RunError(
+            f"{what}: MUMPS failed on {factor.getSize()[0]} unknowns with INFOG(1) = {factor.getMumpsInfog(1)}, "
+            f"INFOG(2) = {factor.getMumpsInfog(2)}{_meaning(factor.getMumpsInfog(1), files)}"
+        )
+    if ksp.getConvergedReason() < 0:
+        raise RunError(f"{what}: the linear solver failed (reason {ksp.getConvergedReason()})")
+
+
+def apply_inverse(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
+    """Return what a solver answers to local columns (n_local, k). Collective on the solver.
+
+    Raises `RunError` if a solve fails, or its answer is not finite.
+    """
+    if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
+        # all columns at once: many times faster than one by one, above all on several ranks and with files
+        result = solve_columns(ksp.getPC().getFactorMatrix(), columns)
+        check_factor(ksp, what)
+    else:
+        result = _solve_each(ksp, columns, what)
+    if not _finite_everywhere(result, ksp):
+        raise RunError(f"{what}: the solution is not finite; the mesh may be too fine for double precision")
+    return result
+
+
+def _meaning(infog: int, files: FactorFiles | None) -> str:
+    """Say what the usual errors of MUMPS come from."""
+    if infog in (-9, -13, -17, -19, -20):
+        return ": not enough memory; take more ranks for an angle (--ranks-per-angle) or a coarser mesh"
+    if infog == -10:
+        return ": the matrix is singular"
+    if infog == NO_FILES and files is not None:
+        return (
+            f": its files in '{files.path}' cannot be written or read, {1e-9 * files.free:.3g} GB are free there; let "
+            "MUMPS_OOC_TMPDIR name a folder of a disk with more space, or give the run more memory or ranks"
+        )
+    return ""
+
+
+def _solve_each(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
+    """Solve for local columns one by one, with any Krylov method and preconditioner."""
+    x, y = ksp.getOperators()[0].createVecs()
+    result = np.empty_like(columns)
+    try:
+        for i in range(columns.shape[1]):
+            x.setArray(columns[:, i])
+            ksp.solve(x, y)
+            if ksp.getConvergedReason() <= 0:
+                raise RunError(
+                    f"{what}: the linear solver ({ksp.getType()}) stopped after {ksp.getIterationNumber()} iterations "
+                    f"with the residual {ksp.getResidualNorm():.2g} (reason {ksp.getConvergedReason()})"
+                )
+            result[:, i] = y.getArray(readonly=True)
+    finally:
+        x.destroy()
+        y.destroy()
+    return result
+
+
+def _finite_everywhere(columns: np.ndarray, ksp: PETSc.KSP) -> bool:
+    """Return whether the local columns of all ranks are finite. Collective on the solver."""
+    from mpi4py import MPI
+
+    finite = bool(np.isfinite(columns).all())
+    return finite if ksp.getComm().size == 1 else ksp.getComm().tompi4py().allreduce(finite, op=MPI.LAND)
+
+
+VARIABLE = "MUMPS_OOC_TMPDIR"
+LONGEST = 200  # characters of a path that MUMPS takes, and its names besides
+
+
+class FactorFiles:
+    """A new folder. Of one rank; who makes it closes it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+
+    def __init__(self) -> None:
+        given = os.environ.get(VARIABLE)
+        try:
+            self.path = Path(tempfile.mkdtemp(prefix="pgmp_factor_", dir=given))
+        except OSError as error:
+            where = f"{VARIABLE} = '{given}'" if given else "the folder of temporary files"
+            raise InputError(
+                f"{where}: no file can be made there ({error.strerror}), and a factor is to go there that does not fit "
+                f"into memory; let {VARIABLE} name a folder of a local disk, or give the run more memory or ranks"
+            ) from error
+        remove_at_end(self.path)
+        if len(str(self.path)) > LONGEST:
+            self.close()
+            raise InputError(
+                f"{VARIABLE} or TMPDIR: '{self.path.parent}' is longer than the {LONGEST} characters that MUMPS takes"
+            )
+
+    @contextmanager
+    def used(self) -> Iterator[None]:
+        """Let MUMPS make its files in the folder, within the block."""
+        before = os.environ.get(VARIABLE)
+        os.environ[VARIABLE] = str(self.path)
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ[VARIABLE]
+            else:
+                os.environ[VARIABLE] = before
+
+    @property
+    def free(self) -> float:
+        """Space that is left on the disk, bytes."""
+        return float(shutil.disk_usage(self.path).free)
+
+    def close(self) -> None:
+        """Remove the folder with all that is in it."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        keep_no_longer(self.path)
+
 
 RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of the order of its square
 

@@ -10,18 +10,18 @@ or change its steps without a word.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
-
-import numpy as np
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.petsc import as_raised, options_of, petsc_solver
 from pgmp_petsc.runtime.surroundings import has_petsc
-from pgmp_petsc.stepping.second_order_system import State
 
 if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
+
+    from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
 
 PREFIX = "pgmp_ts_"
 ERROR_PREFIX = "pgmp_error_ts_"  # of the integration of estimated errors
@@ -81,99 +81,54 @@ def _name(ts: PETSc.TS, reason: int) -> str:
     return names.get(reason, "unknown")
 
 
-class Driven(Protocol):
-    """An integration.
+def driver_here() -> Callable[[GeneralisedAlpha, MPI.Comm, str], None]:
+    """Return the driver of this Python.
 
-    Attributes
-    ----------
-    state
-        The current state.
-    instants
-        Of the start and the ends of all steps, shape (n_steps + 1,), s.
-    stops
-        Numbers of the steps that it stops at, 0 and the last one included.
-    n_done
-        Steps that are behind it.
+    It goes through all stops of an integration, collective on a communicator, with a prefix of the options of PETSc that
+    reach it. It raises `InputError` if PETSc refuses the value of an option, and `RunError` if it ends early, with
+    PETSc's reason.
     """
-
-    state: State
-    instants: np.ndarray
-    stops: np.ndarray
-    n_done: int
-
-    def advance(self) -> None:
-        """Go on to the next stop."""
+    return drive_by_petsc if has_petsc() else drive_in_a_loop
 
 
-def driver_here() -> Driver:
-    """Return the driver of this Python."""
-    return PetscDriver() if has_petsc() else LoopDriver()
+def drive_in_a_loop(integration: GeneralisedAlpha, comm: MPI.Comm, prefix: str) -> None:
+    """Go through all stops in a plain loop, which takes no options; see `driver_here`."""
+    while integration.n_done < integration.stops[-1]:
+        integration.advance()
 
 
-class Driver(Protocol):
-    """Drives an integration to its end."""
+def drive_by_petsc(integration: GeneralisedAlpha, comm: MPI.Comm, prefix: str) -> None:
+    """Go through all stops as steps of PETSc's TS; see `driver_here`."""
+    from petsc4py import PETSc
 
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops. Collective on `comm`.
-
-        Parameters
-        ----------
-        prefix
-            Of the options of PETSc that reach this integration.
-
-        Raises
-        ------
-        InputError
-            If PETSc refuses the value of an option.
-        RunError
-            If it ends early, with PETSc's reason.
-        """
-
-
-class LoopDriver:
-    """A plain loop; takes no options."""
-
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops; see `Driver`."""
-        while integration.n_done < integration.stops[-1]:
-            integration.advance()
-
-
-class PetscDriver:
-    """PETSc's TS, whose steps are those from stop to stop."""
-
-    def drive(self, integration: Driven, comm: MPI.Comm, prefix: str) -> None:
-        """Go through all stops; see `Driver`."""
-        from petsc4py import PETSc
-
-        instants, n_stops = integration.instants, len(integration.stops) - 1
-        solution = PETSc.Vec().createMPI((integration.state.q.size, None), comm=comm)
-        solution.setArray(integration.state.q.ravel())
-        ts = PETSc.TS().create(comm=comm)
-        try:
-            ts.setOptionsPrefix(prefix)
-            ts.setType(PETSc.TS.Type.PYTHON)
-            ts.setPythonContext(_Context(integration))
-            ts.setTime(0.0)
-            ts.setTimeStep(float(instants[integration.stops[1]]))
-            # the number of steps ends the run, not round-off in their sum
-            ts.setMaxTime(2 * float(instants[-1]))
-            ts.setMaxSteps(n_stops)
-            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-            with petsc_solver(prefix, "time integration"):
-                ts.setFromOptions()
-            with as_raised():
-                ts.solve(solution)
-            check_end(ts, n_stops, float(instants[-1]))
-        finally:
-            ts.destroy()
-            solution.destroy()
+    instants, n_stops = integration.instants, len(integration.stops) - 1
+    solution = PETSc.Vec().createMPI((integration.state.q.size, None), comm=comm)
+    solution.setArray(integration.state.q.ravel())
+    ts = PETSc.TS().create(comm=comm)
+    try:
+        ts.setOptionsPrefix(prefix)
+        ts.setType(PETSc.TS.Type.PYTHON)
+        ts.setPythonContext(_Context(integration))
+        ts.setTime(0.0)
+        ts.setTimeStep(float(instants[integration.stops[1]]))
+        # the number of steps ends the run, not round-off in their sum
+        ts.setMaxTime(2 * float(instants[-1]))
+        ts.setMaxSteps(n_stops)
+        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+        with petsc_solver(prefix, "time integration"):
+            ts.setFromOptions()
+        with as_raised():
+            ts.solve(solution)
+        check_end(ts, n_stops, float(instants[-1]))
+    finally:
+        ts.destroy()
+        solution.destroy()
 
 
 class _Context:
     """Context of a TS of type python, which calls it."""
 
-    def __init__(self, integration: Driven) -> None:
+    def __init__(self, integration: GeneralisedAlpha) -> None:
         self._integration = integration
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (PETSc's name)

@@ -146,7 +146,7 @@ class StateRecord(Observer):
 
 
 class GeneralisedAlpha:
-    """Steps a `SecondOrderSystem` from stop to stop, as a `drivers.Driver` calls it.
+    """Steps a `SecondOrderSystem` from stop to stop, as `drivers` call it.
 
     Attributes
     ----------
@@ -419,7 +419,7 @@ def integrate(
     stops = stops_of(n_steps, min(at_once, MOST_AT_ONCE), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
-    driver_here().drive(stepper, system.comm, prefix)
+    driver_here()(stepper, system.comm, prefix)
     counted = stepper.n_iterations, stepper.n_fresh, stepper.n_calls
     return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *counted)
 

@@ -17,8 +17,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.results.summary import origin_of
@@ -28,7 +27,7 @@ from pgmp_petsc.runtime.files import BUILD_AGAIN, open_file, shapes_of
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import extremes, length_names
+from pgmp_petsc.scene.uses import extremes, length_names
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
 
 Said = Callable[[str], None]

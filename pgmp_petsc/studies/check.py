@@ -26,7 +26,7 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import parts_of, points_used
+from pgmp_petsc.scene.references import parts_of, points_used
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia

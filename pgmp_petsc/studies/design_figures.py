@@ -15,7 +15,7 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.studies.fitting import ends_of, limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 

@@ -46,8 +46,8 @@ from pgmp_petsc.runtime.errors import PgmpError, Remark, note, warning
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import parts_of
 from pgmp_petsc.scene.effects import AddedMass
+from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed

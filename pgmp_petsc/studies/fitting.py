@@ -37,8 +37,8 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.lengths import length_names
-from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
+from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from pgmp_petsc.studies.goals import TurnedBack
 from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered

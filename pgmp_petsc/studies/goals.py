@@ -199,19 +199,15 @@ class _Parser:
 
     def sum(self) -> Expression:
         """Read products that are added."""
-        total = self._product()
-        while self.token in ("+", "-"):
-            sign = self.token
-            self.advance()
-            total = _joined(sign, total, self._product())
-        return total
+        return self._joined("+-", lambda: self._joined("*/", self._power))
 
-    def _product(self) -> Expression:
-        total = self._power()
-        while self.token in ("*", "/"):
+    def _joined(self, signs: str, part: Callable[[], Expression]) -> Expression:
+        """Read parts with signs between them."""
+        total = part()
+        while self.token and self.token in signs:
             sign = self.token
             self.advance()
-            total = _joined(sign, total, self._power())
+            total = _joined(sign, total, part())
         return total
 
     def _power(self) -> Expression:

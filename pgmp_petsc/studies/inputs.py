@@ -14,13 +14,12 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.served_range import check_served, served_ranges
+from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from pgmp_petsc.scene.effect_checks import stressed_bodies
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.studies.plausibility import plausibility
 
 if TYPE_CHECKING:

@@ -1,9 +1,7 @@
 """What was chosen, in the file and in words; entries of the scene."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 
@@ -30,44 +28,6 @@ SELECTION = Selection(
     loads={"own": "the scene's own loads"},
     remarks=("no torque acts",),
 )
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    with h5py.File(tmp_path / "rom.h5", "w") as file:
-        SELECTION.put(file)
-    return tmp_path / "rom.h5"
-
-
-def test_it_comes_back_from_the_file(path: Path) -> None:
-    with h5py.File(path) as file:
-        found = Selection.found_in(file)
-    for name in ("tolerances", "allowed", "chosen", "reasons", "kept", "outputs", "loads", "remarks"):
-        assert getattr(found, name) == getattr(SELECTION, name), name
-    np.testing.assert_array_equal(found.values["r"], [1.0, 2.0])
-    for one, other in zip(found.attempts, SELECTION.attempts, strict=True):
-        np.testing.assert_array_equal(one.errors, other.errors)
-        for name in ("part", "entries", "n_steps", "largest", "where", "cost", "seconds", "reason"):
-            assert getattr(one, name) == getattr(other, name), name
-
-
-def test_every_dataset_is_described(path: Path) -> None:
-    with h5py.File(path) as file:
-        group = file["selection"]
-        for name in ("errors", "largest", "cost", "seconds", "steps", "attempts", "training/r"):
-            assert group[name].attrs["unit"] and group[name].attrs["description"], name
-
-
-def test_a_file_without_a_selection_has_none(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "plain.h5", "w") as file:
-        assert Selection.found_in(file) is None
-
-
-def test_a_damaged_selection_is_told(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["selection/largest"]
-    with h5py.File(path) as file, pytest.raises(InputError, match="selection/largest"):
-        Selection.found_in(file)
 
 
 def test_in_words() -> None:

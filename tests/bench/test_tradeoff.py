@@ -8,7 +8,6 @@ import pytest
 from length_scenes import SMALL, long_crank, numbered
 from mpi4py import MPI
 from runs import full_model, read_meshes, reduced_model
-from synthetic import assert_same
 from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.bench.cases import held_out
@@ -86,11 +85,6 @@ def test_mesh_errors_fall_with_the_mesh() -> None:
     np.testing.assert_array_equal(mesh.refinement, [1, 2, 4])
     np.testing.assert_array_equal(mesh.cells, [4, 8, 16])
     assert (mesh.errors[0] > mesh.errors[1]).all() and (mesh.errors[2] == 0.0).all()
-
-
-def test_a_study_survives_its_file(tmp_path) -> None:
-    small().write(tmp_path / "f.h5")
-    assert_same(Tradeoff.read(tmp_path / "f.h5"), small())
 
 
 def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:

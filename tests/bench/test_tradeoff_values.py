@@ -7,7 +7,7 @@ from scipy import stats
 from pgmp_petsc.bench.candidates import ResponseSurface, node_counts
 from pgmp_petsc.bench.cases import box, held_out, node_values, quantiles
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.parameters import uncertain_names
 from scenes import SLIDER_CRANK
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'

@@ -8,7 +8,7 @@ import pytest
 from compiled_elements import Beams3d
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies import beam2d, spatial_rest_strains
+from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam3d import (
     at_rest,
@@ -315,9 +315,9 @@ def at_ends() -> tuple[np.ndarray, np.ndarray]:
 def test_the_third_derivative_at_rest_is_that_of_the_energy() -> None:
     """Along any direction, by differences of the energy in rotation vectors, extrapolated to fourth order."""
     vectors, pairs = RNG.standard_normal((N, 12, 3)), np.tril_indices(3)
-    rows = spatial_rest_strains.rest_strains(LENGTHS, AXES)
+    rows = beam3d.rest_strains(LENGTHS, AXES)
     strains = rows @ vectors
-    third = spatial_rest_strains.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]], SECTION)
+    third = beam3d.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]], SECTION)
     forces = LENGTHS[:, None, None] * (np.swapaxes(rows, 1, 2) @ third)
     tensor = np.empty((N, 3, 3, 3))
     for number, (i, j) in enumerate(zip(*pairs)):
@@ -339,13 +339,13 @@ def test_the_third_derivative_at_rest_is_that_of_the_energy() -> None:
 
 def test_strains_at_rest_are_those_of_the_element_to_second_order() -> None:
     direction = RNG.standard_normal((N, 12))
-    rest = np.einsum("esi,ei->se", spatial_rest_strains.rest_strains(LENGTHS, AXES), direction)
-    linear = spatial_rest_strains.strains_of(rest, curved=False)
+    rest = np.einsum("esi,ei->se", beam3d.rest_strains(LENGTHS, AXES), direction)
+    linear = beam3d.strains_of(rest, curved=False)
     exact = np.einsum("esi,ei->se", strain_gradients(LENGTHS, AXES), direction)
     np.testing.assert_allclose(linear, exact, rtol=0, atol=1e-13)
     errors = []
     for size in (1e-2, 5e-3):
-        curved = spatial_rest_strains.strains_of(size * rest, curved=True)
+        curved = beam3d.strains_of(size * rest, curved=True)
         found = 0.5 * LENGTHS * (SECTION @ curved**2)
         errors.append(np.abs(found - energy(from_rest(size * direction))).max())
     # strains wrong by third order, so that the energy is by fourth

@@ -21,7 +21,7 @@ from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
-from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.build import BuildCheckpoint
 from pgmp_petsc.runtime.groups import RankGroup
 
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")

@@ -9,7 +9,7 @@ from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.floating import FloatingBody, first_moments
-from pgmp_petsc.components.floating_frames import floating_shapes
+from pgmp_petsc.components.condensing import floating_shapes
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import straight_beam

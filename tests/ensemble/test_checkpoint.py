@@ -1,7 +1,5 @@
 """The checkpoint of an ensemble: what is kept, what is refused."""
 
-import os
-import resource
 import shutil
 import zipfile
 from dataclasses import replace
@@ -192,36 +190,6 @@ def test_bands_are_those_of_the_first_samples_in_their_order(plan: Plan) -> None
     assert list(checkpoint.columns().of("bands")) == []
 
 
-def test_a_label_that_was_cut_off_is_one_clear_message(plan: Plan) -> None:
-    checkpoint = started(plan, 0)
-    label = checkpoint.folder / "run.json"
-    label.write_text(label.read_text()[:20])
-    for run in (again, started):
-        with pytest.raises(InputError, match=r"label 'run.json' is damaged .*--resume; move the folder away"):
-            run(plan)
-    assert piece(checkpoint, 0).exists()
-
-
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "text", "folder"])
-def test_a_damaged_batch_is_named_and_computed_again(plan: Plan, damage: str) -> None:
-    path = piece(started(plan, 0, 4, 8), 4)
-    whole = bytearray(path.read_bytes())
-    if damage == "flip":
-        whole[len(whole) // 2] ^= 4
-    spoilt = {"cut": whole[: len(whole) // 2], "empty": b"", "text": b"[scene]\n"}
-    path.unlink()
-    path.mkdir() if damage == "folder" else path.write_bytes(spoilt.get(damage, whole))
-    checkpoint = taken_up(plan)
-    assert firsts(checkpoint) == {0, 8}
-    assert f"note: piece '{path}' was not taken up, and is computed again: it " in str(*checkpoint.remarks)
-    with pytest.raises(RunError, match=r"samples 4 to 7 are missing; nothing was written; repeat .* --resume"):
-        list(checkpoint.batches())
-    add(checkpoint, 4)
-    assert [one.first for one in checkpoint.batches()] == [0, 4, 8]
-    # the damaged one is kept aside until the result is written
-    assert path.with_name(f"{path.name}.damaged").exists()
-
-
 def test_a_batch_of_another_run_is_not_taken_up(plan: Plan, tmp_path: Path) -> None:
     """As left by a job that went on when another had started with the same output."""
     other = replace(plan, output=tmp_path / "other.h5", seed=4)
@@ -326,23 +294,6 @@ def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:
         np.testing.assert_array_equal(np.load(stream)["status"], batch(0).status)
 
 
-@pytest.mark.parametrize("content", ["notes.txt", "run.json", "file", "link"])
-def test_a_folder_of_somebody_else_is_never_removed(plan: Plan, content: str, tmp_path: Path) -> None:
-    folder = plan.output.with_name("e.h5.partial")
-    if content == "file":
-        folder.write_text("mine")
-    elif content == "link":
-        folder.symlink_to(tmp_path / "nowhere")
-    else:
-        folder.mkdir()
-        (folder / content).write_text('{"name": "mine"}')
-    for resume in (False, True):
-        with pytest.raises(InputError, match=r"e\.h5\.partial' is in the way of this run's checkpoint"):
-            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES, DESIGN).open()
-        remove_checkpoint(plan)
-    assert os.path.lexists(folder) and (content in ("file", "link") or (folder / content).exists())
-
-
 def test_what_a_user_put_into_the_folder_stays(plan: Plan) -> None:
     checkpoint = started(plan, 0)
     (checkpoint.folder / "notes.txt").write_text("mine")
@@ -355,19 +306,6 @@ def test_an_empty_folder_is_taken(plan: Plan) -> None:
     plan.output.with_name("e.h5.partial").mkdir()
     (plan.output.with_name("e.h5.partial") / ".run.json.77.partial").touch()
     started(plan, 0)
-    assert again(plan) == {0}
-
-
-def test_a_full_disk_keeps_what_was_finished(plan: Plan) -> None:
-    checkpoint = started(plan, 0)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        with pytest.raises(RunError, match="could not be written: File too large; what was finished before is kept"):
-            add(checkpoint, 4)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert sorted(path.name for path in checkpoint.folder.iterdir()) == ["run.json", "samples_000000000.npz"]
     assert again(plan) == {0}
 
 

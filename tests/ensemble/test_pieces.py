@@ -4,7 +4,7 @@ import pytest
 from runs import paper_scene, reduced_model
 
 from pgmp_petsc.ensemble.plan import LEAST, SHARE, Piece, checked, missing, pieces, price_of, share_of
-from pgmp_petsc.estimates.schedule import FINER
+from pgmp_petsc.estimates.reference_motion import FINER
 from pgmp_petsc.runtime.vectors import LANES
 
 

@@ -5,7 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from pgmp_petsc.estimates.schedule import DAMPED, FINER, LEAST, MOST, differences, kept_steps, places_of, schedules
+from pgmp_petsc.estimates.reference_motion import (
+    DAMPED,
+    FINER,
+    LEAST,
+    MOST,
+    differences,
+    kept_steps,
+    places_of,
+    schedules,
+)
 
 
 @pytest.mark.parametrize("n_steps", [1, 2, 201, 1000, 1009, MOST, MOST + 1, 3 * MOST - 7, 10 * MOST])

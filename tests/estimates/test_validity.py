@@ -16,9 +16,9 @@ from pgmp_petsc.estimates.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.mode_changes import StiffnessChanges
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
+from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene

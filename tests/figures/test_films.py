@@ -20,9 +20,8 @@ from runs import rom_of
 from pgmp_petsc.cli.main import COMMANDS
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.films import Pace
 from pgmp_petsc.figures.motion import motion_of, scale_of
-from pgmp_petsc.figures.solids import Stage, drawing, solids, view_of
+from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
 from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, Remark

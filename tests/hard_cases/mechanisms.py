@@ -146,15 +146,3 @@ def both(
     rom = rom_of(scene) if rom is None else rom
     values = samples(scene, n) if values is None else values
     return tuple(history(model, values, n)[1] for model in (FullModel(scene, rom.meshes), ReducedModel(scene, rom)))
-
-
-def largest_errors(exact: Outputs, found: Outputs) -> dict[str, float]:
-    """Return the largest difference of every output, as a share of its largest value."""
-    return {name: float(np.abs(found[name] - one).max() / np.abs(one).max()) for name, one in exact.items()}
-
-
-def assert_close(exact: Outputs, found: Outputs, **allowed: float) -> None:
-    """Check the largest difference of every output named, as a share of its largest value."""
-    errors = largest_errors(exact, found)
-    for name, share in allowed.items():
-        assert errors[name] < share, (name, errors)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 from elimination import circle
-from mechanisms import accurate, assert_close, both, dense_eigenvalues, modal_problem, run_for, start
-from runs import built_rom, full_model, history, samples
+from mechanisms import accurate, both, dense_eigenvalues, modal_problem, run_for, start
+from runs import assert_close, built_rom, full_model, history, samples
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.sections.section import BeamSection

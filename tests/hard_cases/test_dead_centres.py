@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from mechanisms import QUIET, accurate, assert_close, both, nominal_rom, run_for, start
+from mechanisms import QUIET, accurate, both, nominal_rom, run_for, start
+from runs import assert_close
 
 from scenes import CRANK, ROD, kinematics_of, slider_crank
 

@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from mechanisms import Outputs, accurate, assert_close, both, largest_errors, nominal_rom, run_for
-from runs import rom_of, samples
+from mechanisms import Outputs, accurate, both, nominal_rom, run_for
+from runs import assert_close, largest_errors, rom_of, samples
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from scenes import RADIUS

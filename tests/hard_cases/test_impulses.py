@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from elimination import Beams, chain, circle
-from mechanisms import accurate, assert_close, both, nominal_rom, run_for, start
-from runs import full_model, history, reduced_model, samples
+from mechanisms import accurate, both, nominal_rom, run_for, start
+from runs import assert_close, full_model, history, reduced_model, samples
 
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError

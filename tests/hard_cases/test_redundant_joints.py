@@ -4,9 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from mechanisms import Outputs, accurate, assert_close, both, run_for, start
+from mechanisms import Outputs, accurate, both, run_for, start
 from mpi4py import MPI
-from runs import full_model, history, quick_return, reduced_model, rom_of, run_model, samples
+from runs import assert_close, full_model, history, quick_return, reduced_model, rom_of, run_model, samples
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene

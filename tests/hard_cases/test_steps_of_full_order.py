@@ -1,9 +1,4 @@
-"""Full-order runs know the error of their time step, and comparisons with one that stopped say how far they go.
-
-`n1_fourbar`, `fourbar_spring_start`: vibrations that the step of the scene does not follow, with friction and from a
-sudden start. `h16_beyond_range`: a run that leaves the range of a deformation, and fails later. `massless_all`: the
-reference does no step.
-"""
+"""Full-order runs know the error of their time step, and comparisons with one that stopped say how far they go."""
 
 import json
 import re

@@ -4,18 +4,8 @@ import numpy as np
 import pytest
 from runs import paper_scene, rom_of
 
+from benchmarks import integrators
 from benchmarks.exact_oscillators import Course, Motion, Oscillators, Variant, modes_at, sinc
-from benchmarks.integrators import (
-    ALPHA,
-    Prices,
-    Result,
-    accelerations,
-    by_alpha,
-    by_prototype,
-    cheapest,
-    errors_of,
-    reference,
-)
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.models import ReducedModel
 from scenes import RADIUS
@@ -86,7 +76,7 @@ def test_modes_are_those_of_the_tables(model: ReducedModel) -> None:
     # M a = - K q for the shape of a vibration: a = - omega^2 q
     for k in range(1, 5):
         shape = 1e-9 * modes.shapes[:, :, k]
-        found = accelerations(system, 0.0, q + shape, np.zeros_like(q)) - accelerations(
+        found = integrators.accelerations(system, 0.0, q + shape, np.zeros_like(q)) - integrators.accelerations(
             system, 0.0, q, np.zeros_like(q)
         )
         np.testing.assert_allclose(
@@ -97,13 +87,13 @@ def test_modes_are_those_of_the_tables(model: ReducedModel) -> None:
 @pytest.fixture(scope="module")
 def exact(model: ReducedModel) -> dict[str, np.ndarray]:
     """Return the outputs by the reference."""
-    return reference(model, VALUES, N, 25, 1e-10)
+    return integrators.reference(model, VALUES, N, 25, 1e-10)
 
 
 def angle_errors(model: ReducedModel, exact: dict[str, np.ndarray], variant: Variant) -> np.ndarray:
     """Return errors of the crank's angle with steps of 0.8, 0.4 and 0.2 ms."""
-    runs = (by_prototype(model, VALUES, N, n_steps, variant)[0] for n_steps in (25, 50, 100))
-    return np.array([errors_of(found, exact)["crank_angle"].max() for found in runs])
+    runs = (integrators.by_prototype(model, VALUES, N, n_steps, variant)[0] for n_steps in (25, 50, 100))
+    return np.array([integrators.errors_of(found, exact)["crank_angle"].max() for found in runs])
 
 
 def test_the_observed_order(model: ReducedModel, exact: dict[str, np.ndarray]) -> None:
@@ -117,19 +107,19 @@ def test_the_observed_order(model: ReducedModel, exact: dict[str, np.ndarray]) -
 
 
 def test_the_reference_is_where_the_programs_steps_lead(model: ReducedModel, exact: dict[str, np.ndarray]) -> None:
-    errors = [errors_of(by_alpha(model, VALUES, N, n)[0], exact) for n in (6400, 12800)]
+    errors = [integrators.errors_of(integrators.by_alpha(model, VALUES, N, n)[0], exact) for n in (6400, 12800)]
     for name in exact:
         coarse, fine = (item[name].max() for item in errors)
         assert fine < 1e-3 and coarse == pytest.approx(4.0 * fine, rel=0.2), name
 
 
 def test_the_cheapest_of_equal_errors() -> None:
-    def item(scheme: str, step: float, worst: float) -> Result:
-        return Result("ramp", scheme, step, {"x": np.array([0.1 * worst, worst])}, 2.0)
+    def item(scheme: str, step: float, worst: float) -> integrators.Result:
+        return integrators.Result("ramp", scheme, step, {"x": np.array([0.1 * worst, worst])}, 2.0)
 
-    cost = Prices(1.0, 0.25)
-    results = [item(ALPHA, 1e-3, 1e-4), item(ALPHA, 5e-3, 1e-3), item("held", 5e-3, 1e-4)]
-    assert cheapest(results, "x", 2e-3, cost) == (pytest.approx(300.0), results[2])
-    assert cheapest(results[:2], "x", 2e-3, cost) == (pytest.approx(400.0), results[1])
-    assert cheapest(results[:2], "x", 5e-4, cost) == (pytest.approx(2000.0), results[0])
-    assert cheapest(results, "x", 1e-5, cost) is None
+    cost = integrators.Prices(1.0, 0.25)
+    results = [item(integrators.ALPHA, 1e-3, 1e-4), item(integrators.ALPHA, 5e-3, 1e-3), item("held", 5e-3, 1e-4)]
+    assert integrators.cheapest(results, "x", 2e-3, cost) == (pytest.approx(300.0), results[2])
+    assert integrators.cheapest(results[:2], "x", 2e-3, cost) == (pytest.approx(400.0), results[1])
+    assert integrators.cheapest(results[:2], "x", 5e-4, cost) == (pytest.approx(2000.0), results[0])
+    assert integrators.cheapest(results, "x", 1e-5, cost) is None

@@ -56,8 +56,7 @@ CASES = {
     "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
     "adaptive": lambda: slider_crank(
         'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6",
-        "reduction.modes=3",
-    ),
+        "reduction.modes=3",),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, FINE),
     "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FINE),
     "extended_adaptive": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW),

@@ -19,9 +19,9 @@ TABLES = ("mass", "inertia", "stiffness", "load")
 SLOWLY = """
 import itertools, sys, time
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.reduction import build_checkpoint
+from pgmp_petsc.reduction import build
 from pgmp_petsc.reduction.sampler import Sampler
-build_checkpoint.INTERVAL = 0.0
+build.INTERVAL = 0.0
 sample = Sampler.sample
 number = itertools.count()
 def slowly(self, *args):
@@ -46,8 +46,7 @@ main()
 SCENES = {
     "beams": ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=16"),
     "solids": (
-        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",
-    ),
+        "scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4",),
 }  # fmt: skip
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.reduced import energy as reduced_energy_module
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.energy import reduced_energy
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -252,19 +251,17 @@ def energies(terms: ReducedTerms, states: list[State]) -> np.ndarray:
     return kinetic + strain - work
 
 
-def test_forms_are_those_of_the_full_tensors() -> None:
-    """Packed symmetric matrices and tensors behind other entries, against sums over all indices."""
-    rng, m = np.random.default_rng(3), 4
-    x, entries = rng.normal(size=(5, m)), rng.normal(size=(5, 40))
-    matrix, tensor = np.zeros((5, m, m)), np.zeros((5, m, m, m))
-    for i, j, k in itertools.product(range(m), repeat=3):
-        i, j, k = sorted((i, j, k), reverse=True)
-        for a, b, c in itertools.permutations((i, j, k)):
-            tensor[:, a, b, c] = entries[:, 7 + i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
-        matrix[:, i, j] = matrix[:, j, i] = entries[:, 3 + i * (i + 1) // 2 + j]
-    found = reduced_energy_module._form(entries, 3, x), reduced_energy_module._cubic_form(entries, 7, x)  # noqa: SLF001
-    np.testing.assert_allclose(found[0], np.einsum("nij,ni,nj->n", matrix, x, x), rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(found[1], np.einsum("nijk,ni,nj,nk->n", tensor, x, x, x), rtol=1e-12, atol=1e-12)
+@pytest.mark.parametrize("second", [False, True], ids=["first order", "second order"])
+def test_energies_are_those_of_the_full_tensors(second: bool) -> None:
+    terms = terms_of(second=second)
+    lagrangian, (q, v, _) = Lagrangian(terms), anywhere(5)
+    kinetic, strain = reduced_energy(terms, {}, q, v)
+    for k in range(5):
+        _, _, stiffness, _, cubic, *_ = lagrangian.parts(q[k, :2])
+        delta = q[k, 2:]
+        assert kinetic[k] == pytest.approx(0.5 * v[k] @ lagrangian.inertia(q[k]) @ v[k], rel=1e-12)
+        stored = 0.5 * delta @ stiffness @ delta + np.einsum("ijk,i,j,k", cubic, delta, delta, delta) / 6.0
+        assert strain[k] == pytest.approx(stored, rel=1e-12)
 
 
 def test_energy_is_conserved_over_a_long_run() -> None:

@@ -19,14 +19,13 @@ from pgmp_petsc.estimates.validity import BodyStrains
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
-from pgmp_petsc.reduction import length_build
+from pgmp_petsc.reduction import length_family
 from pgmp_petsc.reduction.length_family import LengthCheck
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, refuse_beyond, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.reduction.served_range import check_served, refuse_beyond, served_ranges
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene.lengths import length_names, length_range
+from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
@@ -170,12 +169,12 @@ def test_the_kinematics_of_a_length_are_exact_and_the_file_keeps_the_family(
 
 
 @pytest.fixture(scope="module")
-def gauge(rom: ReducedOrderModel) -> length_build._Gauge:
-    return length_build._Gauge.of(long_crank(*SMALL), rom)
+def gauge(rom: ReducedOrderModel) -> length_family._Gauge:
+    return length_family._Gauge.of(long_crank(*SMALL), rom)
 
 
 def test_the_basis_that_a_build_came_with_has_no_part_in_the_tables(
-    rom: ReducedOrderModel, gauge: length_build._Gauge
+    rom: ReducedOrderModel, gauge: length_family._Gauge
 ) -> None:
     member, point = rom.family.members[0], rom.family.grid.points[0]
     m = member.tables.n_modes
@@ -192,7 +191,7 @@ def test_the_basis_that_a_build_came_with_has_no_part_in_the_tables(
 
 
 def test_models_that_do_not_fit_together_are_refused_with_the_length(
-    rom: ReducedOrderModel, gauge: length_build._Gauge, tmp_path: Path
+    rom: ReducedOrderModel, gauge: length_family._Gauge, tmp_path: Path
 ) -> None:
     member = rom.family.members[0]
     fewer = replace(member, projection=member.projection[:, :, 1:])
@@ -213,11 +212,11 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
 
 
 def test_spaces_and_matrices_that_are_poor_between_lengths_are_warned_of(rom: ReducedOrderModel) -> None:
-    said = length_build._remarks(rom.family, 4, 0.3, "the interpolated mass matrix is not positive definite")
+    said = length_family._remarks(rom.family, 4, 0.3, "the interpolated mass matrix is not positive definite")
     assert [remark.kind for remark in said[1:]] == ["warning", "warning"]
     assert "turns away between lengths (least cosine 0.3" in said[1].text
     assert said[2].text.startswith("between lengths: the interpolated mass matrix")
-    (poor,) = length_build._remarks(
+    (poor,) = length_family._remarks(
         replace(rom.family, check=LengthCheck({"rod_length": 0.68}, 2e-3, 1e-9)), 4, 0.9, ""
     )
     assert poor.kind == "warning" and "frequencies are within 0.002" in poor.text

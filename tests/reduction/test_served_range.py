@@ -5,7 +5,7 @@ import pytest
 from runs import SMALL, paper_scene, rom_of
 
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.served_range import Served, check_served, outside_of, refuse_beyond
+from pgmp_petsc.reduction.rom import Served, check_served, outside_of, refuse_beyond
 from pgmp_petsc.runtime.errors import InputError
 
 DRAWN = (

@@ -17,12 +17,12 @@ import pytest
 import synthetic
 
 from pgmp_petsc.cli.main import main
-from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble
+from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Level, distribution
 from pgmp_petsc.report.page import downloads_of, write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
-from pgmp_petsc.results.estimates import EstimatedErrors
+from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError, note, warning
 from pgmp_petsc.runtime.files import write_file
@@ -426,6 +426,38 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     told = "; 1 % is estimated to be the reduced run's, the rest the time step's in the other"
     assert headline_of_comparison(*files[:2]).endswith(told)
     assert "estimated" not in headline_of_comparison(files[0], files[2])
+
+
+@pytest.mark.parametrize(
+    ("model", "last", "of_step", "known", "told"),
+    [
+        ("reduced", 1000, None, False, "reduced, 1000 steps to 1 s; errors were not estimated; 1 warning, see the report"),
+        ("full", 1000, None, False, "full order, 1000 steps to 1 s; nothing was reduced; 1 warning, see the report"),
+        ("reduced", 1000, False, False, "reduced, 1000 steps to 1 s; errors were not estimated; 1 warning, see the report"),
+        ("reduced", 1000, False, True,
+         "reduced, 1000 steps to 1 s; estimated error at most 20 % (slider_deformation); 1 warning, see the report"),
+        ("full", 400, True, True,
+         "full order, 400 steps to 0.4 s of 1 s; estimated error of the time step up to 0.2 s at most 20 % "
+         "(slider_deformation); 1 warning, see the report"),
+    ],
+)  # fmt: skip
+def test_a_run_in_one_line(tmp_path: Path, model: str, last: int, of_step: bool | None, known: bool, told: str) -> None:
+    """How far it came and of how far, the largest share of an error that is known, its kind and the part it covers."""
+    run, end = synthetic.trajectory(model, n_frames=0), last + 1
+    outputs = {name: values[:end] for name, values in run.outputs.items()}
+    largest = {name: float(np.max(np.abs(values))) for name, values in outputs.items()}
+    shares = {"crank_angle": 0.1, "slider_position": np.nan, "slider_deformation": 0.2}
+    errors = {name: np.full(3, (share if known else np.nan) * largest[name]) for name, share in shares.items()}
+    times = np.array([0.0, 0.1, 0.2])
+    estimates = {} if not of_step else {"what": OF_STEP}
+    found = None if of_step is None else EstimatedErrors(times, errors, largest, **estimates)
+    modal, coordinates = run.modal if run.modal is None else run.modal[:end], run.coordinates[:end]
+    scene = synthetic.SCENE + "[simulation]\nduration = 1.0\n"
+    record = replace(run.record, remarks=(warning("far off"), note("nothing else")), scene_toml=scene)
+    replace(
+        run, record=record, time=run.time[:end], outputs=outputs, errors=found, modal=modal, coordinates=coordinates
+    ).write(tmp_path / "run.h5")
+    assert headline_of_run(tmp_path / "run.h5") == told
 
 
 def test_marks_of_samples_that_failed_are_counted() -> None:

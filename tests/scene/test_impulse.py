@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from pgmp_petsc.scene.effect_checks import impulse_of
+from pgmp_petsc.scene.references import impulse_of
 
 TABLES = {
     "ramp": [(0.0, 0.0), (0.25, 0.5), (1.0, 0.5)],

@@ -16,20 +16,19 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping import generalised_alpha
 from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS, first_accelerations
-from pgmp_petsc.stepping.drivers import Driver, LoopDriver, PetscDriver
+from pgmp_petsc.stepping.drivers import drive_by_petsc, drive_in_a_loop
 from pgmp_petsc.stepping.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.stepping.second_order_system import AT_ONCE, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 RADII = (0.0, 0.5, 0.8, 1.0)
-OF_PETSC = pytest.mark.parametrize("driver", [PetscDriver], indirect=True)
+OF_PETSC = pytest.mark.parametrize("driver", [drive_by_petsc], indirect=True)
 
 
-@pytest.fixture(params=[PetscDriver, LoopDriver], autouse=True)
-def driver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Driver:
+@pytest.fixture(params=[drive_by_petsc, drive_in_a_loop], autouse=True)
+def driver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both drivers pass the same tests, but those of PETSc's options."""
-    monkeypatch.setattr(generalised_alpha, "driver_here", request.param)
-    return request.param()
+    monkeypatch.setattr(generalised_alpha, "driver_here", lambda: request.param)
 
 
 @dataclass
@@ -277,8 +276,8 @@ def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, 
 def test_drivers_make_the_same_calls_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """State, failures and what is seen agree in every bit, also where samples fail and stops are many steps apart."""
     found = []
-    for driver in (PetscDriver, LoopDriver):
-        monkeypatch.setattr(generalised_alpha, "driver_here", driver)
+    for driver in (drive_by_petsc, drive_in_a_loop):
+        monkeypatch.setattr(generalised_alpha, "driver_here", lambda driver=driver: driver)
         seen: list[object] = []
         done = run(
             two_masses(4, beyond=1.05), 0.8, 7e-3, observer=lambda number, time, state: seen.append((number, time,

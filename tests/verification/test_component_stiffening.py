@@ -2,20 +2,9 @@
 
 from collections.abc import Callable
 
+import cantilevers
 import numpy as np
 import pytest
-from cantilevers import (
-    BAR,
-    BEAM_IN_SPACE,
-    IN_SPACE,
-    PLATE,
-    RATIO,
-    THICKNESS,
-    WIDTH,
-    bar_mesh,
-    cantilever,
-    plate_mesh,
-)
 from conftest import ROOT
 from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
@@ -46,9 +35,9 @@ STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA, m
 ACROSS = (0.0, 0.0, 1.0)
 #: Bodies of every kind: the tables of the body, of the joint in space, and the mesh.
 KINDS = {
-    "plate of cells": (PLATE, (), plate_mesh),
-    "beam in space": (BEAM_IN_SPACE, (IN_SPACE,), lambda: straight_beam(1.0, 16, 0.0, 3)),
-    "bar of solids": (BAR, (IN_SPACE,), bar_mesh),
+    "plate of cells": (cantilevers.PLATE, (), cantilevers.plate_mesh),
+    "beam in space": (cantilevers.BEAM_IN_SPACE, (cantilevers.IN_SPACE,), lambda: straight_beam(1.0, 16, 0.0, 3)),
+    "bar of solids": (cantilevers.BAR, (cantilevers.IN_SPACE,), cantilevers.bar_mesh),
 }
 
 
@@ -61,7 +50,7 @@ def planar(text: str, *overrides: str) -> tuple[Scene, dict]:
 def of_kind(kind: str) -> Callable[..., tuple[Scene, dict]]:
     """Return what makes a cantilever of one of `KINDS`."""
     body, joint, mesh = KINDS[kind]
-    return lambda text, *overrides: (cantilever(body, text, *joint, *overrides), {"beam": mesh()})
+    return lambda text, *overrides: (cantilevers.cantilever(body, text, *joint, *overrides), {"beam": mesh()})
 
 
 def spinning(
@@ -117,7 +106,10 @@ def test_the_frequency_of_every_other_kind(kind: str, spin: float, published: fl
     )
 
 
-@pytest.mark.parametrize(("kind", "ratio"), [("beam in space", RATIO), ("bar of solids", (WIDTH / THICKNESS) ** 2)])
+@pytest.mark.parametrize(
+    ("kind", "ratio"),
+    [("beam in space", cantilevers.RATIO), ("bar of solids", (cantilevers.WIDTH / cantilevers.THICKNESS) ** 2)],
+)
 def test_the_frequency_out_of_the_plane_of_rotation(kind: str, ratio: float) -> None:
     """``omega^2 = omega_in^2 + Omega^2`` with the published one of a beam that is stiffer by a ratio."""
     root, (spin, published) = np.sqrt(ratio), PUBLISHED[1]

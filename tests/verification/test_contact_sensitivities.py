@@ -64,8 +64,7 @@ SCENES = {
         'coordinates.theta1={joint="shoulder",range=[0.2,0.8]}', 'coordinates.theta2={joint="elbow",range=[-0.6,0.0]}',
         'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-2.0}}",
-        'outputs.elbow={type="angle",joint="elbow"}',
-    ),
+        'outputs.elbow={type="angle",joint="elbow"}',),
 }  # fmt: skip
 
 
@@ -133,14 +132,10 @@ THROWN = (
     'effects.push={type="force",point="crank:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
 )
 LENGTHS = {
-    "rod_length": (
-        (), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
-        'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}',
-    ),
-    "height": (
-        ("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}",
-        "parameters.height.value=0.015",
-    ),
+    "rod_length": ((), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
+        'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}',),
+    "height": (("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}",
+        "parameters.height.value=0.015",),
 }  # fmt: skip
 
 

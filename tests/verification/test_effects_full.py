@@ -1,27 +1,10 @@
-"""Loads, masses and joints' forces in the full-order model against closed forms or an independent integration.
-
-`recorded` runs both forms of the model and compares them; what is checked here is the distributed one.
-"""
+"""Loads, masses and joints' forces in the full-order model against closed forms or an independent integration."""
 
 from collections.abc import Callable
 
+import effect_scenes
 import numpy as np
 import pytest
-from effect_scenes import (
-    BAR,
-    BAR_INERTIA,
-    BLOCK,
-    CANTILEVER,
-    STEP,
-    G,
-    Recorded,
-    bar,
-    linear_mode,
-    recorded,
-    run_of,
-    scene_of,
-    turning,
-)
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
@@ -42,7 +25,7 @@ def strut(angle: float, speed: float) -> float:
 
 def stop(angle: float, speed: float, damping: float) -> float:
     """Return the torque of weight and stop on a bar that falls."""
-    return -0.5 * G * np.cos(angle) + max(0.0, 2000.0 * max(0.0, -0.5 - angle) * (1.0 - damping * speed))
+    return -0.5 * effect_scenes.G * np.cos(angle) + max(0.0, 2000.0 * max(0.0, -0.5 - angle) * (1.0 - damping * speed))
 
 
 WEIGHT, ANCHOR = 'effects.weight: type = "gravity"', "ground.points: anchor = [0.3, 1.4]"
@@ -66,32 +49,22 @@ TURNED: dict[str, Row] = {
         )
         for point, arm in {"tip": 1.0, "middle": 0.5, "hinge": 0.0}.items()
     },
-    "following force": (
-        'effects.e: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true; '
+    "following force": ('effects.e: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true; '
         "harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }",
-        lambda t, a, w: np.sqrt(0.5) * 2.0, 0.0, 0.5, {"position": 0.4}, 2e-6,
-    ),
-    "pulling force": (
-        f'{ANCHOR}\neffects.e: type = "force"; point = "bar:tip"; towards = "ground:anchor"; '
-        "table = [[0.0, 0.5], [0.5, 1.5]]", lambda t, a, w: pull(a, 0.5 + 2.0 * t), 0.0, 0.5, {}, 1e-5,
-    ),
-    "point mass": (
-        "parameters.m: nominal = 0.5; value = 0.8\n"
+        lambda t, a, w: np.sqrt(0.5) * 2.0, 0.0, 0.5, {"position": 0.4}, 2e-6,),
+    "pulling force": (f'{ANCHOR}\neffects.e: type = "force"; point = "bar:tip"; towards = "ground:anchor"; '
+        "table = [[0.0, 0.5], [0.5, 1.5]]", lambda t, a, w: pull(a, 0.5 + 2.0 * t), 0.0, 0.5, {}, 1e-5,),
+    "point mass": ("parameters.m: nominal = 0.5; value = 0.8\n"
         'effects.weight: type = "gravity"; direction = [0.0, -3.0]; acceleration = 9.0\n'
         'effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.05',
-        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), 0.85, 0.6, {}, 4e-5,
-    ),
-    "joint damping": (
-        'effects.e: type = "joint_damping"; joint = "hinge"; coefficient = 0.5',
-        lambda t, a, w: -0.5 * w, 0.0, 1.0, {"velocity": 2.0}, 4e-6,
-    ),
+        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), 0.85, 0.6, {}, 4e-5,),
+    "joint damping": ('effects.e: type = "joint_damping"; joint = "hinge"; coefficient = 0.5',
+        lambda t, a, w: -0.5 * w, 0.0, 1.0, {"velocity": 2.0}, 4e-6,),
     "spring in a joint": (
         'effects.e: type = "spring_damper"; joint = "hinge"; stiffness = 40.0; damping = 0.6; rest = 0.2',
-        lambda t, a, w: -40.0 * (a - 0.2) - 0.6 * w, 0.0, 0.5, {}, 1e-4,
-    ),
+        lambda t, a, w: -40.0 * (a - 0.2) - 0.6 * w, 0.0, 0.5, {}, 1e-4,),
     "spring from a point": (
-        f'{ANCHOR}\n{STRUT}["ground:anchor", "bar:tip"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4
-    ),
+        f'{ANCHOR}\n{STRUT}["ground:anchor", "bar:tip"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4),
     "spring to a point": (
         f'{ANCHOR}\n{STRUT}["bar:tip", "ground:anchor"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4
     ),
@@ -104,11 +77,11 @@ TURNED: dict[str, Row] = {
 @pytest.mark.parametrize("name", TURNED)
 def test_a_bar_turns_as_its_torques_say(name: str) -> None:
     entries, torque, further, duration, start, tolerance = TURNED[name]
-    run = recorded(bar(tables(entries + "\n"), duration, **start))
-    expected = turning(torque, run.time, inertia=BAR_INERTIA + further, **start)
+    run = effect_scenes.recorded(effect_scenes.bar(tables(entries + "\n"), duration, **start))
+    expected = effect_scenes.turning(torque, run.time, inertia=effect_scenes.BAR_INERTIA + further, **start)
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=tolerance)
     if name in ("following force", "joint damping"):
-        gained = 0.5 * BAR_INERTIA * (run.rates[:, 0, 2] ** 2 - start.get("velocity", 0.0) ** 2)
+        gained = 0.5 * effect_scenes.BAR_INERTIA * (run.rates[:, 0, 2] ** 2 - start.get("velocity", 0.0) ** 2)
         np.testing.assert_allclose(run.balance.work["e"], gained, rtol=0, atol=1e-5)
     if "stop" in name:
         assert run.balance.work["e"][-1] <= 1e-6
@@ -116,15 +89,15 @@ def test_a_bar_turns_as_its_torques_say(name: str) -> None:
 
 def test_a_following_force_at_the_tip_of_a_flexible_beam() -> None:
     """Statics: the tip of a cantilever under a small following couple of forces bends as under a fixed one."""
-    run = recorded(
-        scene_of(
-            CANTILEVER,
+    run = effect_scenes.recorded(
+        effect_scenes.scene_of(
+            effect_scenes.CANTILEVER,
             tables("""
 effects.push: type = "force"; point = "beam:tip"; direction = [0.0, 1.0]; follows = true;
     table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
 effects.loss: type = "structural_damping"; stiffness = 0.1
 """)
-            + run_of(20.0, 0.1, 0.5),
+            + effect_scenes.run_of(20.0, 0.1, 0.5),
         )
     )
     # F L^3 / 3 EI; elements of second order, (1 / 8)^2 / 4, and finite rotations 1e-4
@@ -135,10 +108,10 @@ effects.loss: type = "structural_damping"; stiffness = 0.1
 def test_the_period_of_a_pendulum(flexible: bool) -> None:
     start = -0.3
     swing = np.pi / 2 + start
-    period = 4.0 * np.sqrt(2.0 / (3.0 * G)) * ellipk(np.sin(swing / 2.0) ** 2)
-    scene = scene_of(
-        BAR,
-        '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start),
+    period = 4.0 * np.sqrt(2.0 / (3.0 * effect_scenes.G)) * ellipk(np.sin(swing / 2.0) ** 2)
+    scene = effect_scenes.scene_of(
+        effect_scenes.BAR,
+        '[effects.weight]\ntype = "gravity"' + effect_scenes.run_of(period, 2e-3, 0.8, position=start),
         *(
             (
                 "bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
@@ -148,7 +121,7 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
             else ()
         ),
     )  # fmt: skip
-    run = recorded(scene)
+    run = effect_scenes.recorded(scene)
     middle = run.angle[len(run.time) // 2]
     # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
     # too
@@ -161,21 +134,21 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
 
 def test_a_mass_at_the_tip_of_a_cantilever() -> None:
     ratio = 0.5
-    scene = scene_of(
-        CANTILEVER,
+    scene = effect_scenes.scene_of(
+        effect_scenes.CANTILEVER,
         tables(f"""
 effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
 """)
-        + run_of(2.5, 5e-3),
+        + effect_scenes.run_of(2.5, 5e-3),
     )
-    omega, shape = linear_mode(scene, [0, 1, 2], 0)
+    omega, shape = effect_scenes.linear_mode(scene, [0, 1, 2], 0)
     root = brentq(
         lambda k: 1 + np.cosh(k) * np.cos(k) + ratio * k * (np.cos(k) * np.sinh(k) - np.sin(k) * np.cosh(k)), 1.0, 1.8
     )
     # elements of second order, (1 / 8)^2 / 8
     assert omega == pytest.approx(root**2, rel=3e-3)
     small = 1e-4
-    run = recorded(scene, small * shape)
+    run = effect_scenes.recorded(scene, small * shape)
     # the period is longer by (omega h)^2 / 12, 8e-6, over 1 period
     np.testing.assert_allclose(
         run.point("beam:tip")[:, 1],
@@ -191,21 +164,27 @@ def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np
 
 
 def test_joint_friction_stops_a_bar() -> None:
-    run = recorded(
-        bar('[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0)
+    run = effect_scenes.recorded(
+        effect_scenes.bar(
+            '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0
+        )
     )
     speed = run.rates[:, 0, 2]
     # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1
     # rad/s, 1e-5
-    np.testing.assert_allclose(speed, coasting(run.time, 1.0, 0.5 / BAR_INERTIA, 0.1), rtol=0, atol=2e-5)
-    assert run.balance.work["rub"][-1] == pytest.approx(-0.5 * BAR_INERTIA, rel=1e-4)
+    np.testing.assert_allclose(speed, coasting(run.time, 1.0, 0.5 / effect_scenes.BAR_INERTIA, 0.1), rtol=0, atol=2e-5)
+    assert run.balance.work["rub"][-1] == pytest.approx(-0.5 * effect_scenes.BAR_INERTIA, rel=1e-4)
 
 
-def block(effects: str, duration: float, step: float = STEP, velocity: float = -1.0) -> Recorded:
+def block(
+    effects: str, duration: float, step: float = effect_scenes.STEP, velocity: float = -1.0
+) -> effect_scenes.Recorded:
     """Run a block of 1 kg on rails, which a crank drive's massless bars leave alone; its speed is ``-velocity / 2``."""
-    text = BLOCK + f"velocity = {velocity}\n" + effects
+    text = effect_scenes.BLOCK + f"velocity = {velocity}\n" + effects
     simulation = f"\n[simulation]\nduration = {duration}\nstep = {step}\nspectral_radius = 1.0\n"
-    return recorded(scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]")))
+    return effect_scenes.recorded(
+        effect_scenes.scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]"))
+    )
 
 
 START = np.sqrt(0.75)  # of the block, m

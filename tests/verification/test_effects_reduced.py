@@ -1,8 +1,4 @@
-"""Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing.
-
-`test_reduced_actions` compares local effects, damping and drives with the full-order model; here are the kinds that it
-leaves out, and closed forms of all that turn a single stiff bar.
-"""
+"""Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing."""
 
 from collections import Counter
 from pathlib import Path
@@ -288,7 +284,7 @@ def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) ->
     equations = system._equations  # noqa: SLF001
     local = {"force", "joint_damping", "joint_friction", "spring_damper", "end_stop"}
     # what compiled code loops over, or skips because it is empty
-    assert len(model._actions.actions) == (kind in local)  # noqa: SLF001
+    assert len(model.actions.actions) == (kind in local)
     assert equations.local.places.sides.shape[0] == (kind in local)
     assert system.n_events == (kind == "end_stop")
     assert (layout.damping < layout.end) == (kind == "structural_damping")

@@ -4,18 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+import runs
 from mpi4py import MPI
-from runs import (
-    accurate_scene,
-    full_model,
-    history,
-    paper_rom,
-    paper_scene,
-    quick_return,
-    reduced_model,
-    rom_of,
-    samples,
-)
 
 from pgmp_petsc.ensemble.description import Origin
 from pgmp_petsc.ensemble.sampling import draw
@@ -56,7 +46,7 @@ def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> 
 
 def every(model: Model, values: Mapping[str, np.ndarray], n: int, refinement: int) -> Outputs:
     """Return the outputs of a run with finer steps at the steps of the scene."""
-    return {name: found[::refinement] for name, found in history(model, values, n)[1].items()}
+    return {name: found[::refinement] for name, found in runs.history(model, values, n)[1].items()}
 
 
 def effectivity(
@@ -69,10 +59,10 @@ def effectivity(
     """Return largest estimated over largest true error, and the true one as a share of the output's largest value."""
     scene: Scene = make(*overrides)
     n = len(next(iter(values.values())))
-    model = ReducedModel(scene, rom_of(scene) if rom is None else rom)
+    model = ReducedModel(scene, runs.rom_of(scene) if rom is None else rom)
     fine = make(*overrides, f"simulation.step={scene.simulation.step / refinement!r}")
-    exact = every(full_model(fine), values, n, refinement)
-    true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in history(model, values, n)[1].items()}
+    exact = every(runs.full_model(fine), values, n, refinement)
+    true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in runs.history(model, values, n)[1].items()}
     found = estimated(model, values, n).largest
     largest = {name: np.abs(one).max(axis=0) for name, one in exact.items()}
     return {name: found[name] / true[name] for name in true}, {name: true[name] / largest[name] for name in true}
@@ -92,8 +82,8 @@ def test_estimates_are_within_a_factor_of_the_true_errors(
     basis: str, torque: str, refinement: int, accurate_rom: ReducedOrderModel
 ) -> None:
     """`studies.effectivity` measures more of it: 200 samples over 1 s, and more torques."""
-    make, rom = (accurate_scene, accurate_rom) if basis == "accurate" else (paper_scene, paper_rom())
-    values = draw(paper_scene(), SEED, 0, N)
+    make, rom = (runs.accurate_scene, accurate_rom) if basis == "accurate" else (runs.paper_scene, runs.paper_rom())
+    values = draw(runs.paper_scene(), SEED, 0, N)
     ratios, _ = effectivity(make, (SHORT, torque), rom, values, refinement)
     for name, found in ratios.items():
         assert share_within(found) >= SHARE, (name, np.sort(found))
@@ -102,9 +92,9 @@ def test_estimates_are_within_a_factor_of_the_true_errors(
 @pytest.fixture(scope="module")
 def many_exact() -> tuple[dict[str, np.ndarray], Outputs]:
     """Return parameters and full-order outputs of the samples of acceptance."""
-    values = draw(paper_scene(), SEED_ACCEPTED, 0, N_ACCEPTED)
-    fine = paper_scene(SHORT, f"simulation.step={1e-3 / FINE!r}")
-    return values, every(full_model(fine), values, N_ACCEPTED, FINE)
+    values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, N_ACCEPTED)
+    fine = runs.paper_scene(SHORT, f"simulation.step={1e-3 / FINE!r}")
+    return values, every(runs.full_model(fine), values, N_ACCEPTED, FINE)
 
 
 @pytest.mark.parametrize("second_order", ["false", "true"])
@@ -113,8 +103,8 @@ def test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples(
 ) -> None:
     """Seven modes and a static one, with second order and without; no sample has a part in either."""
     values, exact = many_exact
-    model = reduced_model(accurate_scene(SHORT, f"reduction.second_order={second_order}"))
-    estimate, found = estimated(model, values, N_ACCEPTED), history(model, values, N_ACCEPTED)[1]
+    model = runs.reduced_model(runs.accurate_scene(SHORT, f"reduction.second_order={second_order}"))
+    estimate, found = estimated(model, values, N_ACCEPTED), runs.history(model, values, N_ACCEPTED)[1]
     for name, one in found.items():
         true = np.abs(one - exact[name]).max(axis=0)
         # round-off, 1e-12 a step, is far below the error
@@ -126,14 +116,14 @@ def test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples(
 def test_a_worse_basis_is_reported_as_worse() -> None:
     """Two modes, seven, and seven with a static one: sample by sample, as the true errors of the deformation go."""
     name, n, estimates, true = "slider_deformation", 6, [], []
-    values = draw(paper_scene(), SEED_ACCEPTED, 0, n)
+    values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, n)
     short = "simulation.duration=0.3"
-    exact = every(full_model(paper_scene(short, f"simulation.step={1e-3 / FINE!r}")), values, n, FINE)
+    exact = every(runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / FINE!r}")), values, n, FINE)
     for modes, static in ((2, "false"), (7, "false"), (7, "true")):
         reduction = (f"reduction.modes={modes}", f"reduction.static_modes={static}")
-        model = reduced_model(accurate_scene(short, *reduction))
+        model = runs.reduced_model(runs.accurate_scene(short, *reduction))
         estimates.append(estimated(model, values, n).largest[name])
-        true.append(np.abs(history(model, values, n)[1][name] - exact[name]).max(axis=0))
+        true.append(np.abs(runs.history(model, values, n)[1][name] - exact[name]).max(axis=0))
     for worse, better in ((0, 1), (1, 2)):
         assert np.all(true[worse] > 1.5 * true[better])
         assert np.all(estimates[worse] > 1.5 * estimates[better])
@@ -141,9 +131,9 @@ def test_a_worse_basis_is_reported_as_worse() -> None:
 
 def test_a_mechanism_that_turns_fast(accurate_rom: ReducedOrderModel) -> None:
     """At 30 rad/s bodies bend by their inertia, and half a step is a hundredth of a radian."""
-    values = draw(paper_scene(), SEED, 0, N)
+    values = draw(runs.paper_scene(), SEED, 0, N)
     fast = (SHORT, "simulation.initial.theta.velocity=30.0")
-    ratios, _ = effectivity(accurate_scene, fast, accurate_rom, values, COARSE)
+    ratios, _ = effectivity(runs.accurate_scene, fast, accurate_rom, values, COARSE)
     for name, found in ratios.items():
         assert share_within(found) >= SHARE, (name, np.sort(found))
 
@@ -155,7 +145,7 @@ def test_the_error_of_modes_that_are_missing(modes: int) -> None:
         *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
         "simulation.duration=0.02", "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
     )  # fmt: skip
-    values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    values = runs.samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
     ratios, shares = effectivity(slider_crank, overrides, None, values, refinement=4)
     for name, found in ratios.items():
         np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.1, err_msg=name)
@@ -170,11 +160,11 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
         'reduction.interpolation="spline"', "simulation.duration=0.3", "simulation.step=1e-3",
         "effects.motor.table=[[0.0, 0.0], [0.1, 0.5], [1.0, 0.5]]",
     )  # fmt: skip
-    rom = rom_of(slider_crank(*overrides))
+    rom = runs.rom_of(slider_crank(*overrides))
     assert "the interpolated mass matrix is not positive definite" in rom.indefinite
-    values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    values = runs.samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
     model = ReducedModel(slider_crank(*overrides), rom)
-    assert all(np.isfinite(one).all() for one in history(model, values, 3)[1].values())
+    assert all(np.isfinite(one).all() for one in runs.history(model, values, 3)[1].values())
     found = estimated(model, values, 3)
     assert all(np.isnan(largest).all() for largest in found.largest.values())
     assert set(found.absent.values()) == {(STOPPED,) * 3}
@@ -188,7 +178,7 @@ def test_a_spring_that_acts_on_undeformed_bodies_at_once() -> None:
         "reduction={modes=8, static_modes=true, angles=24, second_order=true}", 'reduction.interpolation="spline"',
         "simulation.initial.theta.position=1.0", "simulation.duration=0.002", "simulation.step=1e-4",
     )  # fmt: skip
-    values = samples(slider_crank(*overrides), 1)
+    values = runs.samples(slider_crank(*overrides), 1)
     ratios, _ = effectivity(slider_crank, overrides, None, values, refinement=16)
     for name, found in ratios.items():
         np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.3, err_msg=name)
@@ -202,7 +192,7 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
             *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
             "simulation.duration=0.01", "simulation.step=2e-5", "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
         )  # fmt: skip
-        found[modes] = estimated(reduced_model(scene), samples(scene, 1), 1).largest["angle"][0]
+        found[modes] = estimated(runs.reduced_model(scene), runs.samples(scene, 1), 1).largest["angle"][0]
     assert found[30] < 2e-3 * found[2]
 
 
@@ -213,8 +203,8 @@ def test_a_joint_that_turns_with_a_flexible_body() -> None:
         'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
         "effects.motor.table=[[0.0, 0.0], [0.05, 0.1], [1.0, 0.1]]",
     )
-    values = samples(quick_return(), 4, r1=np.linspace(0.85, 1.15, 4) * RADIUS)
-    ratios, shares = effectivity(quick_return, overrides, None, values)
+    values = runs.samples(runs.quick_return(), 4, r1=np.linspace(0.85, 1.15, 4) * RADIUS)
+    ratios, shares = effectivity(runs.quick_return, overrides, None, values)
     for name, found in ratios.items():
         np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.3, err_msg=name)
     assert shares["bent"].min() > 0.1
@@ -222,11 +212,11 @@ def test_a_joint_that_turns_with_a_flexible_body() -> None:
 
 @pytest.fixture(scope="module")
 def model(accurate_rom: ReducedOrderModel) -> ReducedModel:
-    return ReducedModel(accurate_scene("simulation.duration=0.3"), accurate_rom)
+    return ReducedModel(runs.accurate_scene("simulation.duration=0.3"), accurate_rom)
 
 
 def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> None:
-    values = draw(paper_scene(), SEED, 0, 5)
+    values = draw(runs.paper_scene(), SEED, 0, 5)
     together = estimated(model, values, 5)
     for k in range(5):
         alone = estimated(model, {name: value[k : k + 1] for name, value in values.items()}, 1)
@@ -241,7 +231,7 @@ def test_an_estimate_does_not_depend_on_the_steps_of_a_call(
     model: ReducedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bit for bit: modes are taken anew after the same steps, whatever is shown together."""
-    values = draw(paper_scene(), SEED, 0, 2)
+    values = draw(runs.paper_scene(), SEED, 0, 2)
     expected = estimated(model, values, 2)
     monkeypatch.setattr(generalised_alpha, "MOST_AT_ONCE", 7)
     found = estimated(model, values, 2)
@@ -284,7 +274,7 @@ def test_estimates_are_those_of_long_steps_one_by_one(model: ReducedModel, monke
 
 def test_a_sample_that_failed_has_no_estimate(model: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither has one whose run with smaller steps stops, or whose motion cannot be placed; both say why."""
-    values = draw(paper_scene(), SEED, 0, 4)
+    values = draw(runs.paper_scene(), SEED, 0, 4)
     expected = estimated(model, values, 4)
     watched, followed = ErrorIndicator(model).watch(values, np.arange(4)), WatchedRun._followed  # noqa: SLF001
     integrate(model.batch(values, 4), model.scene.simulation, observer=watched)
@@ -307,7 +297,7 @@ def test_a_sample_that_failed_has_no_estimate(model: ReducedModel, monkeypatch: 
 def test_runs_and_ensembles_of_a_few_steps_say_that_estimates_are_unsure(
     n_steps: int, said: int, accurate_rom: ReducedOrderModel
 ) -> None:
-    few = ReducedModel(accurate_scene("simulation.step=1e-3", f"simulation.duration={n_steps}e-3"), accurate_rom)
+    few = ReducedModel(runs.accurate_scene("simulation.step=1e-3", f"simulation.duration={n_steps}e-3"), accurate_rom)
     run = simulate_reduced(few, MPI.COMM_SELF)
     for remarks in (run.record.remarks, Origin.of(few).not_estimated):
         assert sum("estimated errors are unsure" in str(remark) for remark in remarks) == said
@@ -316,10 +306,10 @@ def test_runs_and_ensembles_of_a_few_steps_say_that_estimates_are_unsure(
 
 def test_the_signed_error_corrects_the_run() -> None:
     """The reduced output less its estimated error at the end is the full-order one: with three modes, much is wrong."""
-    scene = paper_scene("reduction.modes=3", "reduction.angles=48", "simulation.duration=0.3")
-    reduced, n = reduced_model(scene), 3
-    values = samples(scene, n, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
-    exact, found = (history(one, values, n)[1] for one in (full_model(scene), reduced))
+    scene = runs.paper_scene("reduction.modes=3", "reduction.angles=48", "simulation.duration=0.3")
+    reduced, n = runs.reduced_model(scene), 3
+    values = runs.samples(scene, n, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    exact, found = (runs.history(one, values, n)[1] for one in (runs.full_model(scene), reduced))
     estimate = estimated(reduced, values, n)
     for name in ("crank_angle", "slider_deformation"):
         error = found[name][-1] - exact[name][-1]

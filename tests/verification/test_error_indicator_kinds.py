@@ -1,8 +1,4 @@
-"""The estimated error of reduced runs of every kind of body, of two coordinates, drives and local effects.
-
-True errors are those against runs of the mesh with finer steps, of solids in space against component modes. The
-benchmark `effectivity` measures more of it, with the repository's scenes.
-"""
+"""The estimated error of reduced runs of every kind of body, of two coordinates, drives and local effects."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -4,20 +4,10 @@ import re
 import subprocess
 from pathlib import Path
 
+import exported
 import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
-from exported import (
-    COMPILER,
-    OPTIONS,
-    assert_equal,
-    compiled,
-    needs_compiler,
-    outputs_of,
-    scene_of,
-    simulated,
-    with_scene,
-)
 from mpi4py import MPI
 from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
 from spatial import bars_of, slider_crank_in_space
@@ -35,7 +25,7 @@ from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables
 
-pytestmark = needs_compiler
+pytestmark = exported.needs_compiler
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
 # all laws but stops, and all outputs
 KINDS = QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1).replace(
@@ -103,32 +93,32 @@ outputs.bent: type = "deformation"; point = "rod:tip"; axis = "y"; frame = "body
 @pytest.fixture(scope="module")
 def slider_crank() -> ReducedModel:
     """Return a model with terms of second order."""
-    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0"))
+    return reduced_model(exported.scene_of("slider_crank", "reduction.parameter_modes=0"))
 
 
 @pytest.fixture(scope="module")
 def slider_crank_program(slider_crank, tmp_path_factory) -> Path:
-    return compiled(slider_crank, tmp_path_factory.mktemp("slider_crank"))
+    return exported.compiled(slider_crank, tmp_path_factory.mktemp("slider_crank"))
 
 
 def test_terms_of_second_order(slider_crank, slider_crank_program) -> None:
     """Newton's iteration stops where the program's stops: it leaves 2e-7 of the deformation."""
-    assert_equal(outputs_of(slider_crank_program), simulated(slider_crank).outputs)
+    exported.assert_equal(exported.outputs_of(slider_crank_program), exported.simulated(slider_crank).outputs)
 
 
 def test_other_parameters(slider_crank, slider_crank_program) -> None:
     """A parameter of the program in C gives what ``--set`` gives."""
-    other = scene_of("slider_crank", "reduction.parameter_modes=0", settings=("r1=6e-3",))
-    found = outputs_of(slider_crank_program, "r1=6e-3")
-    assert_equal(found, simulated(with_scene(slider_crank, other)).outputs)
-    nominal = outputs_of(slider_crank_program)["crank_angle"]
+    other = exported.scene_of("slider_crank", "reduction.parameter_modes=0", settings=("r1=6e-3",))
+    found = exported.outputs_of(slider_crank_program, "r1=6e-3")
+    exported.assert_equal(found, exported.simulated(exported.with_scene(slider_crank, other)).outputs)
+    nominal = exported.outputs_of(slider_crank_program)["crank_angle"]
     assert np.max(np.abs(found["crank_angle"] - nominal)) > 1e-3 * np.max(np.abs(nominal))
 
 
 def test_dampers_structural_damping_and_terms_of_second_order(tmp_path) -> None:
-    model = reduced_model(scene_of("four_bar"))
-    found, run = outputs_of(compiled(model, tmp_path)), simulated(model)
-    assert_equal(found, run.outputs)
+    model = reduced_model(exported.scene_of("four_bar"))
+    found, run = exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model)
+    exported.assert_equal(found, run.outputs)
     # the program looks at some states, of which this is one or more
     assert run.validity["elastic_rotation"] <= np.max(found["elastic_rotation"]) * (1 + 1e-6)
 
@@ -137,14 +127,14 @@ def test_a_limited_range_overhauser_every_law_and_every_kind_of_output(tmp_path)
     model = reduced_model(scene_from_toml(KINDS, "."))
     (axis,) = model.terms.terms.axes
     assert (axis.periodic, axis.basis) == (False, OVERHAUSER)
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
     # a longer run leaves the range, and a narrow limit is crossed: that is flagged from there on, and stays so
-    longer = with_scene(model, scene_from_toml(KINDS.replace("duration = 0.1", "duration = 1.0"), "."))
+    longer = exported.with_scene(model, scene_from_toml(KINDS.replace("duration = 0.1", "duration = 1.0"), "."))
     write_sources(constants_of(longer, "it"), tmp_path)
     sizes, n = re.subn(r"#define ROTATION_LIMIT \S+", "#define ROTATION_LIMIT 1e-9", (tmp_path / "sizes.h").read_text())
     assert n == 1
     (tmp_path / "sizes.h").write_text(sizes)
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
     command = [tmp_path / "run"]
     found = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS).stdout.splitlines()
@@ -158,21 +148,21 @@ def test_several_turns(tmp_path) -> None:
     """Backwards and through more than one revolution: poses and tables are periodic, angles count turns."""
     start = "simulation.initial.theta.velocity=-100.0", "simulation.duration=0.2", "reduction.modes=2"
     model = reduced_model(accurate_scene(*start, "simulation.step=2.5e-4"))
-    found = outputs_of(compiled(model, tmp_path))
+    found = exported.outputs_of(exported.compiled(model, tmp_path))
     assert found["crank_angle"][-1] < -4 * np.pi
-    assert_equal(found, simulated(model).outputs)
+    exported.assert_equal(found, exported.simulated(model).outputs)
 
 
 def test_a_given_motion_and_friction(tmp_path) -> None:
-    model = reduced_model(scene_of("quick_return", "simulation.duration=0.1"))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    model = reduced_model(exported.scene_of("quick_return", "simulation.duration=0.1"))
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
 
 
 def test_friction_that_sticks(tmp_path) -> None:
     """Newton's iteration jumps over zero in every other step; the model in C takes friction up from there too."""
     sticking = "effects.rubbing.limit=30.0", "effects.rubbing.speed=1e-4", "simulation.step=2.5e-4"
     model = reduced_model(scene_from_toml(KINDS, ".", sticking))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
 
 
 def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
@@ -180,9 +170,9 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(of_reduction, "N_FINE_OF_MORE", 24)
     scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
     model = ReducedModel(scene, built_rom(scene))
-    found, wanted = outputs_of(compiled(model, tmp_path)), simulated(model).outputs
+    found, wanted = exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs
     bent = wanted.pop("bent")
-    assert_equal(found, wanted)
+    exported.assert_equal(found, wanted)
     # so small a deformation is the difference of places known to round-off
     least = 8 * np.finfo(float).eps * model.kinematics.size
     np.testing.assert_allclose(found["bent"], bent, rtol=0.0, atol=max(least, 1e-9 * np.max(np.abs(bent))))
@@ -196,7 +186,7 @@ def test_space(tmp_path) -> None:
     (tmp_path / "scene.toml").write_text(text)
     scene, meshes = read_scene(tmp_path / "scene.toml", IN_SPACE, (), MPI.COMM_SELF, Purpose.CHECK)
     model = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
 
 
 def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
@@ -205,14 +195,16 @@ def test_an_angle_in_space_that_is_no_coordinate_counts_turns(tmp_path) -> None:
         "simulation.initial.theta.velocity=100.0", "simulation.duration=0.12", "simulation.step=2.5e-4",
     )  # fmt: skip
     model = ReducedModel(scene, build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
-    wanted = simulated(model).outputs
+    wanted = exported.simulated(model).outputs
     assert wanted["elbow"][-1] < -1.5 * np.pi
-    assert_equal(outputs_of(compiled(model, tmp_path)), wanted)
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), wanted)
 
 
 def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:
     folder = slider_crank_program.parent
-    subprocess.run([COMPILER, *OPTIONS, "-c", *COMPILED], cwd=folder, check=True, timeout=TIMEOUT_SECONDS)
+    subprocess.run(
+        [exported.COMPILER, *exported.OPTIONS, "-c", *COMPILED], cwd=folder, check=True, timeout=TIMEOUT_SECONDS
+    )
     objects = [name.replace(".c", ".o") for name in COMPILED]
 
     def listed(option: str) -> set[str]:
@@ -225,8 +217,8 @@ def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:
 
 
 def test_flags(slider_crank_program) -> None:
-    assert not outputs_of(slider_crank_program)["validity"].any()
-    far = outputs_of(slider_crank_program, "r1=8.5e-3")
+    assert not exported.outputs_of(slider_crank_program)["validity"].any()
+    far = exported.outputs_of(slider_crank_program, "r1=8.5e-3")
     assert (far["validity"].astype(int) & 16).all()
 
 
@@ -234,11 +226,11 @@ def test_flags(slider_crank_program) -> None:
 def test_loads_that_set_in_at_once(tmp_path, step, n_attempts) -> None:
     """Steps that fail are tried as the program tries them; with an attempt less a step fails, and is not taken."""
     model = reduced_model(scene_from_toml(CYLINDER.replace("STEP", str(step)), "."))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    exported.assert_equal(exported.outputs_of(exported.compiled(model, tmp_path)), exported.simulated(model).outputs)
     text, n = re.subn("attempt < N_ATTEMPTS", f"attempt < {n_attempts - 1}", (tmp_path / "model.c").read_text())
     assert n == 1
     (tmp_path / "model.c").write_text(text)
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
+    command = [exported.COMPILER, *exported.OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
     _assert_stopped(tmp_path / "run")
 

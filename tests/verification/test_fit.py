@@ -135,18 +135,6 @@ def test_a_fit_that_does_not_converge_says_so(model, of_full, monkeypatch) -> No
     assert any("the fit did not converge" in remark.text for remark in found.record.remarks)
 
 
-def test_a_file_gives_back_what_it_was_given(model, of_full, tmp_path) -> None:
-    found = fit(model, measured(of_full, 5), ["r1", "c"], {"bend": 2e-6}, MPI.COMM_SELF)
-    found.write(tmp_path / "fit.h5")
-    again = Fit.read(tmp_path / "fit.h5")
-    assert again.parameters == found.parameters and again.n_runs == found.n_runs
-    np.testing.assert_array_equal(again.correlation, found.correlation)
-    for name, output in found.outputs.items():
-        for what in ("measured", "fitted", "begun"):
-            np.testing.assert_array_equal(getattr(again.outputs[name], what), getattr(output, what))
-        assert again.outputs[name].noise_given == (name == "bend")
-
-
 def test_uncertainty_is_that_of_linear_regression() -> None:
     random = np.random.default_rng(2)
     jacobian, scale = random.normal(size=(40, 3)) * [1.0, 1e6, 1e-3], np.array([1.0, 1e-6, 1e3])

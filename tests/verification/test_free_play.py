@@ -114,7 +114,7 @@ def test_a_model_in_c_finds_edges(scene: Scene, tmp_path: Path) -> None:
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
-OWN = {"effects/free_play.py": "free_play", "outputs/speed.py": "speed"}
+OWN = {"effects/free_play.py": "free_play", "outputs/of_frames.py": "speed"}
 
 
 @needs_compiler

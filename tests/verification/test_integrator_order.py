@@ -1,8 +1,4 @@
-"""Second order of the full-order model in time, against an independent formulation of a soft quick-return.
-
-The mechanism has a point_on_line joint whose line turns with a flexible body, so that curvature and drift of the
-constraints take part. It starts undeformed and moving, under gravity: out of equilibrium in positions and velocities.
-"""
+"""Second order of the full-order model in time, against an independent formulation of a soft quick-return."""
 
 from functools import lru_cache
 

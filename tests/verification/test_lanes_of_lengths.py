@@ -35,8 +35,7 @@ STARTS = {
     "undeformed": (),
     "settled, held": ("initial.equilibrium=true",),
     "settled, free": (
-        "initial.equilibrium=true", 'initial.coordinates="free"', "simulation.initial.theta.position=-0.1",
-    ),
+        "initial.equilibrium=true", 'initial.coordinates="free"', "simulation.initial.theta.position=-0.1",),
 }  # fmt: skip
 
 

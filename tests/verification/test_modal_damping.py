@@ -1,7 +1,4 @@
-"""Modal damping of bodies on meshes: each mode its ratio, rigid motions nothing, and what it takes is what is lost.
-
-Beams are in test_damping_and_drives.py and test_free_modes.py.
-"""
+"""Modal damping of bodies on meshes: each mode its ratio, rigid motions nothing, and what it takes is what is lost."""
 
 import numpy as np
 import pytest

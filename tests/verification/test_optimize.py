@@ -224,13 +224,3 @@ def test_nothing_to_design_is_refused() -> None:
         designed_parameters(scene, ())
     with pytest.raises(InputError, match="--parameter r2: there is no such parameter; known: r1"):
         designed_parameters(scene, ("r2",))
-
-
-def test_a_file_gives_back_what_it_was_given(wound: ReducedModel, tmp_path) -> None:
-    found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
-    found.write(tmp_path / "design.h5")
-    again = Design.read(tmp_path / "design.h5")
-    assert (again.parameters, again.constraints, again.goal) == (found.parameters, found.constraints, found.goal)
-    assert again.deviations is None and again.converged
-    np.testing.assert_array_equal(again.tried, found.tried)
-    np.testing.assert_array_equal(again.designed["angle"], found.designed["angle"])

@@ -144,14 +144,6 @@ def test_the_choice_begins_with_the_worst_candidate_and_each_point_helps() -> No
     assert abs(abs(rom.points.points[0]["r1"] / RADIUS - 1.0) - 0.3) < 1e-4
 
 
-def test_points_are_kept_in_the_file(tmp_path) -> None:
-    rom = rom_of(slider_crank(UNCERTAIN, *SMALL, "reduction.parameter_modes=2"))
-    rom.write(tmp_path / "rom.h5")
-    found = ReducedOrderModel.read(tmp_path / "rom.h5")
-    assert found.points.points == rom.points.points and found.n_parameter == rom.n_parameter == 2
-    np.testing.assert_array_equal(found.points.missed, rom.points.missed)
-
-
 FAST = (
     UNCERTAIN, "reduction={modes=3, static_modes=true, inertia_modes=true, parameter_modes=2, angles=240}", SPLINE,
     'effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}',
@@ -227,6 +219,15 @@ def test_vectors_that_vanish_somewhere_are_refused() -> None:
     assert Compression.of(grams, np.zeros((1, 2), dtype=bool), 1).matrix.shape == (2, 1)
     with pytest.raises(InputError, match="no more than 1 vectors that are independent at every configuration"):
         Compression.of(grams, np.zeros((1, 2), dtype=bool), 2)
+
+
+def test_vectors_that_vanish_at_samples_that_came_later_are_chosen_anew() -> None:
+    grams, flips = np.array([np.eye(2), np.eye(2)]), np.zeros((1, 2), dtype=bool)
+    later = np.array([*grams, np.ones((2, 2))])
+    found = Compression.of(grams, flips, 2)
+    assert found.holds(grams) and not found.holds(later)
+    fewer = Compression.of(later, flips, 2, fewer=True)
+    assert fewer.matrix.shape == (2, 1) and fewer.flips.shape == (1, 1) and fewer.holds(later)
 
 
 def test_a_leading_vector_that_vanishes_somewhere_is_passed_over() -> None:

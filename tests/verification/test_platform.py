@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import history, read_meshes, samples
+from runs import assert_close, history, read_meshes, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.bench.reference import component_model
@@ -101,8 +101,7 @@ def test_flexible_it_moves_as_its_mesh() -> None:
         history(model, samples(scene, 1), 1)
         for model in (FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF))
     )
-    for name, limit in (("x", 1e-4), ("y", 1e-4), ("turn", 1e-4), ("deformation", 1e-2)):
-        assert np.abs(found[name] - exact[name]).max() < limit * np.abs(exact[name]).max(), name
+    assert_close(exact, found, x=1e-4, y=1e-4, turn=1e-4, deformation=1e-2)
 
 
 def test_configurations_that_cannot_close_leave_the_others_alone() -> None:

@@ -24,19 +24,15 @@ STOP = 'effects.stop={type="end_stop",joint="slider",lower=0.94,upper=0.97,stiff
 STIFFNESS = "parameters.k={nominal=2e4}"
 # loads of every kind, a table with a corner among them, of which the search has to know what they are within a step
 SCENES = {
-    "loads": (
-        STOP, STIFFNESS,
+    "loads": (STOP, STIFFNESS,
         'effects.jet={type="force",point="rod:1",direction=[0.0,1.0],follows=true,harmonic={amplitude=4.0,frequency_hz=30.0}}',
         'effects.push={type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
         'effects.rub={type="joint_friction",joint="slider",limit=1.0,speed=0.05}',
         "effects.motor.table=[[0.0,0.0],[0.0512,1.5],[0.1024,-1.5],[1.0,-1.5]]",
-        "simulation.initial.theta.position=0.5", "simulation.initial.theta.velocity=-2.0",
-    ),
-    "drive": (
-        'effects={extra={type="prescribed_motion",coordinate="theta",'
+        "simulation.initial.theta.position=0.5", "simulation.initial.theta.velocity=-2.0",),
+    "drive": ('effects={extra={type="prescribed_motion",coordinate="theta",'
         "harmonic={amplitude=0.12,frequency_hz=10.0,mean=0.5}}}",
-        STOP, "parameters.k={nominal=3e3}", "simulation.initial={}",
-    ),
+        STOP, "parameters.k={nominal=3e3}", "simulation.initial={}",),
 }  # fmt: skip
 # the range ends just behind a soft stop
 NARROW = (

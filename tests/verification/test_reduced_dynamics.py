@@ -4,18 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs import (
-    accurate_scene,
-    full_model,
-    history,
-    paper_rom,
-    paper_scene,
-    quick_return,
-    reduced_model,
-    rom_of,
-    run_model,
-    samples,
-)
+import runs
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
@@ -33,10 +22,10 @@ WIDE_SHARES = (0.7, 0.85, 1.0, 1.15, 1.3)
 @pytest.fixture(scope="module")
 def comparison() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the outputs over time of the full-order and the reduced model for three radii."""
-    scene = paper_scene()
-    values = samples(scene, 3, r1=np.array(SHARES) * RADIUS)
-    full = history(full_model(scene), values, 3)[1]
-    return full, history(ReducedModel(scene, paper_rom()), values, 3)[1]
+    scene = runs.paper_scene()
+    values = runs.samples(scene, 3, r1=np.array(SHARES) * RADIUS)
+    full = runs.history(runs.full_model(scene), values, 3)[1]
+    return full, runs.history(ReducedModel(scene, runs.paper_rom()), values, 3)[1]
 
 
 @pytest.mark.parametrize("k", range(3), ids=map(str, SHARES))
@@ -52,9 +41,9 @@ def test_the_papers_accuracy_with_the_papers_basis(comparison: tuple, k: int) ->
 def accurate_comparison(accurate_rom: ReducedOrderModel) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the outputs of the full-order and the small accurate model for five radii, nominal within 30 %."""
     n = len(WIDE_SHARES)
-    values = samples(accurate_scene(), n, r1=np.array(WIDE_SHARES) * RADIUS)
-    models = full_model(accurate_scene()), ReducedModel(accurate_scene(), accurate_rom)
-    return tuple(history(model, values, n)[1] for model in models)
+    values = runs.samples(runs.accurate_scene(), n, r1=np.array(WIDE_SHARES) * RADIUS)
+    models = runs.full_model(runs.accurate_scene()), ReducedModel(runs.accurate_scene(), accurate_rom)
+    return tuple(runs.history(model, values, n)[1] for model in models)
 
 
 @pytest.mark.parametrize("k", range(len(WIDE_SHARES)), ids=map(str, WIDE_SHARES))
@@ -79,28 +68,27 @@ def test_both_models_start_alike(comparison: tuple) -> None:
 
 def test_a_moving_line_gravity_and_a_moving_start() -> None:
     """The reduced model of a mechanism unlike the paper's, bending by a ten-thousandth of its size."""
-    scene = quick_return(
+    scene = runs.quick_return(
         "reduction.modes=12", "reduction.angles=90", "simulation.duration=0.3", "simulation.step=5e-4",
         "bodies.rocker.section.radius=8e-3", "effects.motor.table=[[0.0, 0.0], [0.2, 0.3]]",
         'outputs.angle={type="angle", joint="crank_hinge"}',
         'outputs.tip={type="position", point="rocker:tip", axis="x"}',
         'outputs.bent={type="deformation", point="rocker:tip", axis="x"}',
     )  # fmt: skip
-    values = samples(scene, 2, r1=np.array([5.6e-3, 6.5e-3]))
-    full, reduced = (history(model, values, 2)[1] for model in (full_model(scene), reduced_model(scene)))
-    for name, allowed in (("angle", 3e-4), ("tip", 3e-4), ("bent", 0.08)):
-        assert np.abs(reduced[name] - full[name]).max() < allowed * np.abs(full[name]).max(), name
+    values = runs.samples(scene, 2, r1=np.array([5.6e-3, 6.5e-3]))
+    full, reduced = (runs.history(model, values, 2)[1] for model in (runs.full_model(scene), runs.reduced_model(scene)))
+    runs.assert_close(full, reduced, angle=3e-4, tip=3e-4, bent=0.08)
 
 
 def test_a_rocker_that_turns_fast_is_integrated_with_the_full_models_step() -> None:
     """Backwards through the quick return, where the modes change fast: 16 rad/s, 500 rad/s2, bent by 4 mm of 800."""
-    scene = quick_return(
+    scene = runs.quick_return(
         "reduction.modes=8", "reduction.angles=180", "simulation.duration=0.3", "simulation.step=5e-4",
         "bodies.rocker.section.radius=8e-3", "effects.motor.table=[[0.0, 0.0], [0.2, 0.1]]",
         "simulation.initial.theta.velocity=2.0",
     )  # fmt: skip
-    assert run_model(full_model(scene))[1].status[0] == 0
-    assert run_model(reduced_model(scene))[1].status[0] == 0
+    assert runs.run_model(runs.full_model(scene))[1].status[0] == 0
+    assert runs.run_model(runs.reduced_model(scene))[1].status[0] == 0
 
 
 def scrambled(seed: int, modes: ModeSet) -> ModeSet:
@@ -117,24 +105,24 @@ def test_signs_and_order_of_the_eigenvectors_do_not_change_the_motion(seed: int)
         "simulation.duration=0.3", 'outputs.angle={type="angle", joint="crank_hinge"}',
         'outputs.bent={type="deformation", point="rod:tip", axis="x"}', "simulation.initial.theta.velocity=8.0",
     )  # fmt: skip
-    plain = ReducedModel(scene, rom_of(scene))
-    spoilt = ReducedModel(scene, rom_of(scene, lambda modes: scrambled(seed, modes)))
-    values = samples(scene, 2, r1=np.array([5.6e-3, 5e-3]))
-    one, other = (history(model, values, 2)[1] for model in (plain, spoilt))
+    plain = ReducedModel(scene, runs.rom_of(scene))
+    spoilt = ReducedModel(scene, runs.rom_of(scene, lambda modes: scrambled(seed, modes)))
+    values = runs.samples(scene, 2, r1=np.array([5.6e-3, 5e-3]))
+    one, other = (runs.history(model, values, 2)[1] for model in (plain, spoilt))
     for name, expected in one.items():
         np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name)
 
 
 def test_without_loads_and_motion_nothing_happens() -> None:
     scene = slider_crank("effects={}", "simulation.duration=0.05", "simulation.initial.theta.position=1.0")
-    system, run = run_model(reduced_model(scene))
+    system, run = runs.run_model(runs.reduced_model(scene))
     np.testing.assert_array_equal(run.state.q, system.start().q)
 
 
 def energies(model: ReducedModel, every: int = 1) -> tuple[np.ndarray, float]:
     """Return the reduced model's energy over a free motion, and the number of revolutions."""
     scene = model.scene
-    system = model.batch(samples(scene, 1), 1)
+    system = model.batch(runs.samples(scene, 1), 1)
     states = []
 
     def record(number: int, time: float, state: State) -> None:
@@ -166,7 +154,7 @@ def test_energy_is_kept_without_loads_and_numerical_damping(scheme: str, order: 
         *FREE, *order, "simulation.initial.theta.velocity=12.0", "reduction.angles=90", "simulation.duration=0.2",
         f'reduction.interpolation="{scheme}"',
     )  # fmt: skip
-    rom = rom_of(scene)
+    rom = runs.rom_of(scene)
     wrong = [relative_drift(energies(ReducedModel(with_step(scene, step), rom))[0]) for step in (1e-3, 5e-4)]
     # the integrator's own error, of second order
     assert wrong[0] < 5e-3
@@ -177,10 +165,10 @@ def test_energy_over_a_hundred_revolutions() -> None:
     """Free running at 10 rad/s, with the terms of second order: 1e-5 at 0.4 ms steps, as in the first ten revolutions,
     where it falls with the square of the step."""
     free = (*FREE, "reduction.second_order=true", "simulation.initial.theta.velocity=10.0")
-    rom = rom_of(accurate_scene(*free))
+    rom = runs.rom_of(runs.accurate_scene(*free))
     wrong = {}
     for step, duration in ((8e-4, 8.2), (4e-4, 8.2), (4e-4, 82.0)):
-        scene = accurate_scene(*free, f"simulation.duration={duration}")
+        scene = runs.accurate_scene(*free, f"simulation.duration={duration}")
         found, turns = energies(ReducedModel(with_step(scene, step), rom), every=25)
         assert turns > 100.0 * duration / 82.0
         wrong[step, duration] = relative_drift(found)
@@ -196,5 +184,5 @@ def test_the_second_order_of_the_integrator() -> None:
             "simulation.duration=0.1", f"simulation.step={step}", "reduction.modes=2",
             "simulation.initial.theta.velocity=8.0", 'effects.weight={type="gravity"}',
         )  # fmt: skip
-        ends.append(run_model(reduced_model(scene))[1].state.q[0, 0])
+        ends.append(runs.run_model(runs.reduced_model(scene))[1].state.q[0, 0])
     assert np.log2((ends[0] - ends[1]) / (ends[1] - ends[2])) == pytest.approx(2.0, abs=0.2)

@@ -1,8 +1,4 @@
-"""The repository's scenes: reduced against full-order model, order of the full-order one, and the balance of energy.
-
-Every scene is as it is in the repository, but shorter, and some have fewer configurations. What the balance leaves at
-another step follows from what is measured here by the square of the step.
-"""
+"""The repository's scenes: reduced against full-order model, order of the full-order one, and the balance of energy."""
 
 from functools import lru_cache
 

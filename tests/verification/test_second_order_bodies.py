@@ -30,7 +30,7 @@ from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import points_used
+from pgmp_petsc.scene.references import points_used
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import meshes_of, slider_crank
 

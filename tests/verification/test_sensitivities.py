@@ -64,8 +64,7 @@ SCENES = {
     "two coordinates": double_pendulum(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-1.0}}",
-        'outputs.elbow={type="angle",joint="elbow"}', 'outputs.x={type="position",point="lower:tip",axis="x"}',
-    ),
+        'outputs.elbow={type="angle",joint="elbow"}', 'outputs.x={type="position",point="lower:tip",axis="x"}',),
     "a loop with two coordinates": five_bar(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}', 'bodies.first.section.radius="r"',
         'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}',
@@ -73,8 +72,7 @@ SCENES = {
         "simulation.initial={theta1={position=2.0,velocity=3.0},theta2={position=1.0,velocity=-2.0}}",
         'outputs.pin={type="angle",joint="pin"}', 'outputs.x={type="position",point="first:tip",axis="x"}',
         'outputs.bend={type="deformation",point="first:tip",axis="y"}',
-        'outputs.bend_of_body={type="deformation",point="second:2",axis="y",frame="body"}',
-    ),
+        'outputs.bend_of_body={type="deformation",point="second:2",axis="y",frame="body"}',),
 }  # fmt: skip
 
 

@@ -1,7 +1,4 @@
-"""Mechanisms of beams in space: energy and momentum, inertia forces of their sections, rigid ones, bad input.
-
-`test_scenes` compares reduced and full-order runs of the repository's scenes, `test_combinations` all commands.
-"""
+"""Mechanisms of beams in space: energy and momentum, inertia forces of their sections, rigid ones, bad input."""
 
 import os
 

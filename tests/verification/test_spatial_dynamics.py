@@ -1,34 +1,14 @@
-"""Reduced runs in space: the rigid limit by Lagrange's equations of solid bars, the balance of energy, conservation.
-
-The rigid limit has materials a thousand times as stiff as steel, so that the bars bend by less than a millionth of
-their length. Its reference knows of the model nothing but the scene: the bars' places over the coordinates are closed
-forms, and their masses and inertias those of boxes.
-"""
+"""Reduced runs in space: the rigid limit by Lagrange's equations of solid bars, the balance of energy, conservation."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 import pytest
+import spatial
 from mpi4py import MPI
-from runs import rom_of
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
-from spatial import (
-    CRANK,
-    DENSITY,
-    LOWER,
-    ROD,
-    SECOND_AXIS,
-    UPPER,
-    WIDTH,
-    arm,
-    bars_of,
-    crank_tip,
-    slider_crank_in_space,
-    slider_place,
-    spatial_slider_crank,
-)
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -40,14 +20,13 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced
-from scenes import slider_crank
 
 GRAVITY = 9.81
 
 
 def build(scene: Scene) -> ReducedOrderModel:
     """Return the reduced-order model of a scene of bars."""
-    return build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    return build_rom(scene, spatial.bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
 
 
 def run(scene: Scene, rom: ReducedOrderModel) -> Trajectory:
@@ -75,14 +54,14 @@ class RigidBars:
 
     def __init__(self, lengths: Sequence[float], places: Callable[[np.ndarray], list[Place]]) -> None:
         self.lengths, self.places = lengths, places
-        self.masses = [DENSITY * WIDTH**2 * length for length in lengths]
+        self.masses = [spatial.DENSITY * spatial.WIDTH**2 * length for length in lengths]
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Return ``sqrt(m) c`` and ``R sqrt(J)`` of all bars: half their rates' square is the kinetic energy."""
         parts = []
         for mass, length, (turn, origin) in zip(self.masses, self.lengths, self.places(theta)):
             parts.append(np.sqrt(mass) * (origin + 0.5 * length * turn[:, 0]))
-            parts.append((turn * np.sqrt(mass / 12.0) * [length, WIDTH, WIDTH]).ravel())
+            parts.append((turn * np.sqrt(mass / 12.0) * [length, spatial.WIDTH, spatial.WIDTH]).ravel())
         return np.concatenate(parts)
 
     def mass(self, theta: np.ndarray) -> np.ndarray:
@@ -125,11 +104,11 @@ def derivative(function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) 
 
 def spatial_places(theta: np.ndarray) -> list[Place]:
     """Return the places of crank, rod and slider of the spatial slider-crank."""
-    tip, along = crank_tip(theta)[:, 0], slider_place(theta)[0]
+    tip, along = spatial.crank_tip(theta)[:, 0], spatial.slider_place(theta)[0]
     cos, sin = np.cos(theta[0]), np.sin(theta[0])
     # the crank is placed along -z, with its own z along x, and turns about x
     crank = np.array([[0.0, 0.0, 1.0], [sin, cos, 0.0], [-cos, sin, 0.0]])
-    rod = (np.array([along, 0.0, 0.0]) - tip) / ROD
+    rod = (np.array([along, 0.0, 0.0]) - tip) / spatial.ROD
     # the universal joint: the direction v that was z in the rod as it is placed is at a right angle to y, still near z
     v = Rotation.from_rotvec([0.0, 0.07, -0.34]).as_matrix().T @ [0.0, 0.0, 1.0]
     normal = np.array([rod[2], -rod[0]]) / np.hypot(rod[0], rod[2])  # across the rod in the plane of x and z
@@ -138,7 +117,7 @@ def spatial_places(theta: np.ndarray) -> list[Place]:
     held = np.array([flat[0], 0.0, flat[1]])
     turn = _frame(rod, held) @ _frame(np.array([1.0, 0.0, 0.0]), v).T
     return [
-        (crank, crank_tip(theta)[:, 0] - CRANK * crank[:, 0]),
+        (crank, spatial.crank_tip(theta)[:, 0] - spatial.CRANK * crank[:, 0]),
         (turn, tip),
         (np.eye(3), np.array([along, 0.0, 0.0])),
     ]
@@ -151,17 +130,17 @@ def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.column_stack([first, across, np.cross(first, across)])
 
 
-SPATIAL = RigidBars((CRANK, ROD, 0.05), spatial_places)
+SPATIAL = RigidBars((spatial.CRANK, spatial.ROD, 0.05), spatial_places)
 
 
 def arm_places(theta: np.ndarray) -> list[Place]:
     """Return the places of both bars of the arm."""
     upper = Rotation.from_rotvec([0.0, 0.0, theta[0]]).as_matrix()
-    lower = upper @ Rotation.from_rotvec(theta[1] * SECOND_AXIS).as_matrix()
-    return [(upper, np.zeros(3)), (lower, UPPER * upper[:, 0])]
+    lower = upper @ Rotation.from_rotvec(theta[1] * spatial.SECOND_AXIS).as_matrix()
+    return [(upper, np.zeros(3)), (lower, spatial.UPPER * upper[:, 0])]
 
 
-ARM = RigidBars((UPPER, LOWER), arm_places)
+ARM = RigidBars((spatial.UPPER, spatial.LOWER), arm_places)
 
 # --- stiff bars ------------------------------------------------------------------------------------------------------
 
@@ -188,7 +167,7 @@ PUSH, PULL = (f"effects.{name}.table=[[0.0,1.0],[1.0,1.0]]" for name in ("push",
 
 def stiff_scene(*overrides: str) -> Scene:
     """Return the spatial slider-crank of stiff bars."""
-    return spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
+    return spatial.spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
 
 
 @lru_cache(maxsize=1)
@@ -217,11 +196,11 @@ def of_weight(time: float, theta: np.ndarray) -> np.ndarray:
 
 
 def of_push(time: float, theta: np.ndarray) -> np.ndarray:
-    return -derivative(slider_place, theta)[:, 0]
+    return -derivative(spatial.slider_place, theta)[:, 0]
 
 
 def of_pull(time: float, theta: np.ndarray) -> np.ndarray:
-    return derivative(lambda at: crank_tip(at)[:, 0], theta) @ OBLIQUE
+    return derivative(lambda at: spatial.crank_tip(at)[:, 0], theta) @ OBLIQUE
 
 
 def of_all(time: float, theta: np.ndarray) -> np.ndarray:
@@ -249,8 +228,8 @@ def test_stiff_bars_move_as_rigid_ones(name: str) -> None:
     assert np.ptp(expected) > 0.3
     np.testing.assert_allclose(found.coordinates, expected, rtol=0, atol=RIGID)
     np.testing.assert_allclose(found.outputs["crank_angle"], expected[:, 0], rtol=0, atol=RIGID)
-    place = slider_place(expected[:, 0])
-    np.testing.assert_allclose(found.outputs["slider_position"], place, rtol=0, atol=CRANK * RIGID)
+    place = spatial.slider_place(expected[:, 0])
+    np.testing.assert_allclose(found.outputs["slider_position"], place, rtol=0, atol=spatial.CRANK * RIGID)
     # what is stored is what bars of this mass store
     mass = np.array([SPATIAL.mass(theta)[0, 0] for theta in expected[::60]])
     speed = np.gradient(expected[:, 0], found.time, edge_order=2)[::60]
@@ -293,7 +272,7 @@ def test_a_point_mass_on_stiff_bars() -> None:
         def positions(self, theta: np.ndarray) -> np.ndarray:
             turn = self.places(theta)[0][0]
             # one moment of inertia about every axis: an isotropic J of half of it
-            ball = [np.sqrt(mass) * crank_tip(theta)[:, 0], np.sqrt(0.5 * inertia) * turn.ravel()]
+            ball = [np.sqrt(mass) * spatial.crank_tip(theta)[:, 0], np.sqrt(0.5 * inertia) * turn.ravel()]
             return np.concatenate([super().positions(theta), *ball])
 
     expected = WithMass(SPATIAL.lengths, spatial_places).motion(found.time, np.zeros(2), of_motor)
@@ -343,14 +322,14 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 @lru_cache(maxsize=1)
 def stiff_arm() -> tuple[ReducedOrderModel, RigidKinematics]:
     """Return the reduced-order model of an arm of two stiff bars, and its kinematics."""
-    scene = arm(*ARM_STIFF)
+    scene = spatial.arm(*ARM_STIFF)
     rom = build(scene)
     return rom, RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
 
 def run_arm(*overrides: str) -> Trajectory:
     """Run the arm."""
-    return simulate_reduced(ReducedModel(arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
+    return simulate_reduced(ReducedModel(spatial.arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
 
 
 def of_elbow(time: float, theta: np.ndarray) -> np.ndarray:
@@ -412,11 +391,11 @@ FALLING = 'effects.gravity={type="gravity",acceleration=9.81,direction=[0.0,-1.0
 
 @pytest.mark.parametrize("effects", [(), (FALLING,)], ids=["motor", "motor and gravity"])
 def test_the_balance_of_energy_holds(effects: tuple[str, ...]) -> None:
-    scene = spatial_slider_crank(*ELASTIC, *effects)
+    scene = spatial.spatial_slider_crank(*ELASTIC, *effects)
     model = ReducedModel(scene, build(scene))
     shares = []
     for step in (5e-4, 2.5e-4):
-        finer = spatial_slider_crank(*ELASTIC, *effects, f"simulation.step={step}")
+        finer = spatial.spatial_slider_crank(*ELASTIC, *effects, f"simulation.step={step}")
         balance = simulate_reduced(model.with_loads(finer), MPI.COMM_SELF).balance
         assert balance.exchanged > 0.1 and balance.strain.max() > 1e-6
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
@@ -431,11 +410,11 @@ def test_energy_is_conserved_without_loads() -> None:
         "effects={}", "simulation.spectral_radius=1.0", *NO_STATIC, "reduction.angles=24",
         "simulation.initial.theta={position=0.5,velocity=6.0}",
     )  # fmt: skip
-    scene = spatial_slider_crank(*free)
+    scene = spatial.spatial_slider_crank(*free)
     model = ReducedModel(scene, build(scene))
     changes = []
     for step, duration in ((5e-4, 1.0), (1e-3, 1.0), (1e-3, 2.0)):
-        longer = spatial_slider_crank(*free, f"simulation.step={step}", f"simulation.duration={duration}")
+        longer = spatial.spatial_slider_crank(*free, f"simulation.step={step}", f"simulation.duration={duration}")
         found = simulate_reduced(model.with_loads(longer), MPI.COMM_SELF)
         balance = found.balance
         total = balance.kinetic + balance.strain
@@ -459,9 +438,9 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
         "coordinates.theta.range=[-0.4,1.2]", "simulation.duration=0.03", "simulation.step=5e-5",
         "simulation.spectral_radius=1.0",
     )  # fmt: skip
-    rom = build(spatial_slider_crank(*jolted))
+    rom = build(spatial.spatial_slider_crank(*jolted))
     for damping in ("stiffness=2e-5", "ratios=[0.02,0.02,0.02,0.02]"):
-        damped = spatial_slider_crank(*jolted, f'effects.damping={{type="structural_damping",{damping}}}')
+        damped = spatial.spatial_slider_crank(*jolted, f'effects.damping={{type="structural_damping",{damping}}}')
         balance = run(damped, rom).balance
         lost = -balance.work["damping"]
         assert np.all(np.diff(lost) > -1e-15) and lost[-1] > 1e-7
@@ -470,38 +449,3 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
 
 
 # --- beams -----------------------------------------------------------------------------------------------------------
-
-
-def test_bars_in_space_move_as_beams_in_the_plane() -> None:
-    """A slider-crank whose hinges are parallel, with the weight in its plane, by its reduced models of both kinds."""
-    common = (
-        "coordinates.theta.range=[0.6,1.7]", "coordinates.theta.periodic=false", "reduction.angles=12",
-        "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
-        "simulation.duration=0.05", "simulation.step=5e-4", "simulation.initial.theta={position=0.9,velocity=8.0}",
-        'outputs.angle={type="angle",joint="crank_hinge"}',
-        'outputs.bent={type="deformation",point="crank:tip",axis="y"}',
-        'outputs.pushed={type="deformation",point="crank:tip",axis="x"}',
-        'outputs.across={type="deformation",point="crank:tip",axis="y",frame="body"}',
-        'outputs.along={type="deformation",point="crank:tip",axis="x",frame="body"}',
-        'outputs.slid={type="position",point="rod:tip",axis="x"}',
-    )  # fmt: skip
-    deep = slider_crank_in_space(
-        *common, 'effects.weight={type="gravity",direction=[0.0,-1.0,0.0]}', 'bodies.crank.mesh="0.0:0.3:10"',
-        'bodies.rod.mesh="0.3:1.0:20"', "reduction.modes=8",
-    )  # fmt: skip
-    square = [f'bodies.{name}.section={{shape="rectangle",width={WIDTH},height={WIDTH}}}' for name in ("crank", "rod")]
-    flat = slider_crank(
-        *common, *square, 'effects={}', 'effects.weight={type="gravity"}', "reduction.modes=4",
-        'bodies.crank.mesh="0.0:0.3:20"', 'bodies.rod.mesh="0.3:1.0:40"',
-    )  # fmt: skip
-    found, expected = run(deep, build(deep)), run(flat, rom_of(flat))
-    assert np.ptp(expected.outputs["angle"]) > 0.3
-    # beams are a little stiffer, 0.1 to 0.6 % in their frequencies: what vibrates differs most, here over ten periods
-    for output, share in (("angle", 1e-4), ("slid", 1e-4), ("bent", 0.05), ("across", 0.05)):
-        one, other = expected.outputs[output], found.outputs[output]
-        assert np.abs(other - one).max() < share * np.abs(one).max(), output
-    # a deformation in the axes of the crank is that in the ground's, turned back by the crank's angle
-    angle, bent, pushed = (found.outputs[name] for name in ("angle", "bent", "pushed"))
-    along, across = np.cos(angle) * pushed + np.sin(angle) * bent, np.cos(angle) * bent - np.sin(angle) * pushed
-    np.testing.assert_allclose(found.outputs["along"], along, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.outputs["across"], across, rtol=0, atol=1e-15)

@@ -62,41 +62,28 @@ def test_a_torsional_oscillator_about_an_axis_in_space() -> None:
 
 
 EFFECTS = {
-    "damping": (
-        table("effects.extra", type="joint_damping", joint="drive", coefficient=0.4),
-        lambda t, angle, speed: -0.4 * speed,
-    ),
-    "friction": (
-        table("effects.extra", type="joint_friction", joint="drive", limit=0.5, speed=0.3),
-        lambda t, angle, speed: -0.5 * np.tanh(speed / 0.3),
-    ),
+    "damping": (table("effects.extra", type="joint_damping", joint="drive", coefficient=0.4),
+        lambda t, angle, speed: -0.4 * speed,),
+    "friction": (table("effects.extra", type="joint_friction", joint="drive", limit=0.5, speed=0.3),
+        lambda t, angle, speed: -0.5 * np.tanh(speed / 0.3),),
     "spring between points": (
         table("effects.extra", type="spring_damper", points=["ground:anchor", "bar:tip"], stiffness=60.0, damping=2.0,
-              rest=0.2),
-        lambda t, angle, speed: _pull(angle, speed, 60.0, 2.0, 0.2),
-    ),
+        rest=0.2), lambda t, angle, speed: _pull(angle, speed, 60.0, 2.0, 0.2),),
     "following force": (
         table("effects.extra", type="force", point="bar:tip", direction=(0.3, 1.0, 0.0), table=[[0, 2.0], [1, 2.0]])
         .replace("[effects.extra]\n", "[effects.extra]\nfollows = true\n"),
-        lambda t, angle, speed: 2.0 * LENGTH / np.hypot(0.3, 1.0),
-    ),
+        lambda t, angle, speed: 2.0 * LENGTH / np.hypot(0.3, 1.0),),
     "pulling force": (
         table("effects.extra", type="force", point="bar:tip", towards="ground:anchor", table=[[0, 2.0], [1, 2.0]]),
-        lambda t, angle, speed: _pull(angle, 0.0, 0.0, 0.0, 0.0, 2.0),
-    ),
+        lambda t, angle, speed: _pull(angle, 0.0, 0.0, 0.0, 0.0, 2.0),),
     "force on a point of a rigid body": (
         table("effects.extra", type="force", point="bar:tip", direction=(0.0, 3.0, 0.0), table=[[0, 2.0], [1, 2.0]]),
-        lambda t, angle, speed: AXIS @ np.cross(tip(angle), [0.0, 2.0, 0.0]),
-    ),
-    "torque": (
-        table("effects.extra", type="torque", joint="drive", table=[[0, 1.0], [1, 1.0]]),
-        lambda t, angle, speed: 1.0,
-    ),
-    "bushing": (
-        table("effects.extra", type="bushing", points=["ground:anchor", "bar:tip"],
-              reference=[[1.0, 0.2, 0.0], [0.0, 1.0, 0.5]], stiffness=(6.0, 12.0, 3.0), damping=(0.5, 0.0, 1.0)),
-        lambda t, angle, speed: _mount(angle, speed),
-    ),
+        lambda t, angle, speed: AXIS @ np.cross(tip(angle), [0.0, 2.0, 0.0]),),
+    "torque": (table("effects.extra", type="torque", joint="drive", table=[[0, 1.0], [1, 1.0]]),
+        lambda t, angle, speed: 1.0,),
+    "bushing": (table("effects.extra", type="bushing", points=["ground:anchor", "bar:tip"],
+        reference=[[1.0, 0.2, 0.0], [0.0, 1.0, 0.5]], stiffness=(6.0, 12.0, 3.0), damping=(0.5, 0.0, 1.0)),
+        lambda t, angle, speed: _mount(angle, speed),),
 }  # fmt: skip
 ANCHOR = np.array([0.3, 0.4, -0.2])
 

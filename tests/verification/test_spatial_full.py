@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from equations import load_vectors
 from mpi4py import MPI
+from runs import assert_close
 from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
@@ -184,9 +185,7 @@ def test_effects_together() -> None:
     within the step's error."""
     made = slider_crank_in_space(*over(0.1), EFFECTS, outputs("crank_hinge", "crank:tip", "z"), *ACCURATE)
     full, reduced = full_run(made), reduced_run(made)
-    for name, limit in (("angle", 3e-4), ("position", 5e-6), ("deformation", 0.05)):
-        values = full.outputs[name]
-        assert largest(reduced.outputs[name] - values, values) < limit, name
+    assert_close(full.outputs, reduced.outputs, angle=3e-4, position=5e-6, deformation=0.05)
     assert np.abs(full.balance.residual).max() < 1e-3 * full.balance.exchanged
 
 
@@ -207,9 +206,7 @@ def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:
     expected = simulate_full(FullModel(plane, meshes_of(plane)), MPI.COMM_SELF)
     finer = ('bodies.crank.mesh="0.0:0.3:5"', 'bodies.rod.mesh="0.3:1.0:9"')
     found = full_run(slider_crank_in_space(*over(0.2), TORQUE, SLIDER, *finer))
-    for name, limit in (("angle", 1e-3), ("position", 1e-4), ("deformation", 0.03)):
-        values = expected.outputs[name]
-        assert largest(found.outputs[name] - values, values) < limit, name
+    assert_close(expected.outputs, found.outputs, angle=1e-3, position=1e-4, deformation=0.03)
 
 
 def test_energy_is_balanced_with_the_square_of_the_step() -> None:

@@ -8,22 +8,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import scipy.linalg
+import spatial
 from conftest import ROOT
 from mpi4py import MPI
 from runs import history, samples
 from scipy.spatial.transform import Rotation
-from spatial import (
-    DENSITY,
-    WIDTH,
-    arm,
-    assembled,
-    bar,
-    bars_of,
-    slider_crank_in_space,
-    solid,
-    spatial_slider_crank,
-    table,
-)
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
@@ -51,7 +40,7 @@ def group() -> RankGroup:
 
 def condensed_kinematics(scene: Scene, meshes: dict[str, BodyShape] | None = None) -> RigidKinematics:
     """Return the kinematics of a scene with condensed bodies."""
-    shapes = condensed(scene, bars_of(scene) if meshes is None else meshes, group())
+    shapes = condensed(scene, spatial.bars_of(scene) if meshes is None else meshes, group())
     return RigidKinematics(Mechanism.from_scene(scene, shapes))
 
 
@@ -109,20 +98,20 @@ CLAMPED, HINGED = np.array([1.875104, 4.694091, 7.854757]), np.array([3.926602, 
 
 def one_bar(axis: tuple[float, float, float]) -> Scene:
     """Return a slender bar of 1 m on a hinge."""
-    hinge = table("joints.drive", type="revolute", connect=["ground:origin", "bar:hinge"], axis=axis)
-    return assembled(solid("bar", LENGTH), hinge, coordinate="range = [0.0, 1.0]")
+    hinge = spatial.table("joints.drive", type="revolute", connect=["ground:origin", "bar:hinge"], axis=axis)
+    return spatial.assembled(spatial.solid("bar", LENGTH), hinge, coordinate="range = [0.0, 1.0]")
 
 
 def frequencies_of_one_bar(axis: tuple[float, float, float], n_modes: int) -> np.ndarray:
     scene = one_bar(axis)
-    kinematics = condensed_kinematics(scene, {"bar": bar(0.0, LENGTH, 40)})
+    kinematics = condensed_kinematics(scene, {"bar": spatial.bar(0.0, LENGTH, 40)})
     with modal_problem(scene, kinematics, n_modes) as problem:
         return problem.solve(0.4).frequencies_hz
 
 
 def bending(roots: np.ndarray) -> np.ndarray:
     """Return frequencies (Hz) of a slender bar in bending by Euler and Bernoulli."""
-    speed = np.sqrt(210e9 / DENSITY) * WIDTH / np.sqrt(12.0)
+    speed = np.sqrt(210e9 / spatial.DENSITY) * spatial.WIDTH / np.sqrt(12.0)
     return (roots / LENGTH) ** 2 * speed / (2 * np.pi)
 
 
@@ -144,7 +133,7 @@ def test_a_bar_along_its_hinge_is_clamped_in_both_planes() -> None:
 def test_the_free_modes_of_a_bar() -> None:
     """Those that modal damping damps: pairs of bending modes, none of the six rigid motions among them."""
     scene = one_bar((0.0, 0.0, 1.0))
-    (body,) = condensed_kinematics(scene, {"bar": bar(0.0, LENGTH, 40)}).mechanism.bodies
+    (body,) = condensed_kinematics(scene, {"bar": spatial.bar(0.0, LENGTH, 40)}).mechanism.bodies
     omega, phi, _ = free_modes(body, scene.nominal, 4, "test")
     # roots of cos x cosh x = 1
     expected = np.repeat(bending(np.array([4.730041, 7.853205])), 2)
@@ -163,7 +152,7 @@ def test_the_free_modes_of_a_bar() -> None:
 def test_the_size_of_a_body_does_not_depend_on_its_frames() -> None:
     """A body with a single frame has its size too, condensed or not: the closure is scaled with it."""
     scene = one_bar((0.0, 0.0, 1.0))
-    meshes = {"bar": bar(0.3, 1.3, 4)}
+    meshes = {"bar": spatial.bar(0.3, 1.3, 4)}
     for kinematics in (condensed_kinematics(scene, meshes), RigidKinematics(Mechanism.from_scene(scene, meshes))):
         (body,) = kinematics.mechanism.bodies
         assert body.n_nodes == 1
@@ -173,9 +162,9 @@ def test_the_size_of_a_body_does_not_depend_on_its_frames() -> None:
 
 def test_nothing_depends_on_how_the_mechanism_lies_in_space() -> None:
     turn = Rotation.from_rotvec([0.5, -0.8, 1.1])
-    upright = slider_crank_in_space(*LIMITED)
+    upright = spatial.slider_crank_in_space(*LIMITED)
     # axes of joints with the ground are turned, and the bodies as they are placed; axes between bodies stay
-    lying = slider_crank_in_space(
+    lying = spatial.slider_crank_in_space(
         *LIMITED,
         f"bodies.crank.placement={{origin=[0.0,0.0,0.0],rotation={turn.as_rotvec().tolist()}}}",
         f"bodies.rod.placement={{origin=[0.0,0.0,0.0],rotation={turn.as_rotvec().tolist()}}}",
@@ -205,16 +194,16 @@ def dense_pencil(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray) -
 
 ARM_PART = [f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-0.5,0.5]", "periodic=false")]
 SCENES = {
-    "slider_crank": (slider_crank_in_space(*LIMITED), ([-0.8], [0.3])),
-    "spatial_slider_crank": (spatial_slider_crank(*LIMITED, "reduction.modes=6"), ([-0.8], [0.3])),
-    "arm": (arm(*ARM_PART), ([-0.4, 0.3], [0.2, 0.5])),
+    "slider_crank": (spatial.slider_crank_in_space(*LIMITED), ([-0.8], [0.3])),
+    "spatial_slider_crank": (spatial.spatial_slider_crank(*LIMITED, "reduction.modes=6"), ([-0.8], [0.3])),
+    "arm": (spatial.arm(*ARM_PART), ([-0.4, 0.3], [0.2, 0.5])),
 }
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
     scene, angles = SCENES[name]
-    small, large = condensed_kinematics(scene), RigidKinematics(Mechanism.from_scene(scene, bars_of(scene)))
+    small, large = condensed_kinematics(scene), RigidKinematics(Mechanism.from_scene(scene, spatial.bars_of(scene)))
     assert large.mechanism.n_dofs >= 2 * small.mechanism.n_dofs
     with modal_problem(scene, small) as condensed_problem, modal_problem(scene, large) as problem:
         for theta in np.array(angles):
@@ -250,10 +239,8 @@ WEIGHT = (
 RANGES = {
     "revolution": ("simulation.initial.theta={position=1.4,velocity=3.0}",),
     # an arc around the crossing with angles so close that both modes form a cluster at many of them
-    "arc": (
-        "coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
-        "simulation.initial.theta={position=1.55,velocity=3.0}",
-    ),
+    "arc": ("coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
+        "simulation.initial.theta={position=1.55,velocity=3.0}",),
 }  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def group() -> RankGroup:
 
 def vibrations(scene: Scene, kinematics: RigidKinematics, theta: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the frequencies (n, n_modes) at configurations (n,) or (n, n_theta), Hz."""
-    from pgmp_petsc.modes.vibration import VibrationProblem, frequencies_of
+    from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 
     springs, _ = springs_of(scene, kinematics)
     with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
@@ -98,22 +98,15 @@ def rigid_slider_crank(theta: float) -> tuple[float, float, float]:
     return m_crank * CRANK**2 / 3 + m_rod * (centre @ centre + ROD**2 * turning**2 / 12), first, second
 
 
+@pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("theta", PLACES)
-def test_a_rigid_slider_crank_on_a_spring(theta: float) -> None:
-    scene = slider_crank(FAR, SLIDER.format(50.0, 1.5), STIFF)
-    inertia, slope, _ = rigid_slider_crank(theta)
-    exact = np.sqrt(50.0 * slope**2 / inertia) / (2 * np.pi)
-    # differences leave 1e-8, the bodies' elasticity and rotary inertia of the sections 1e-4
-    assert vibrations(scene, kinematics_of(scene), [theta])[0, 0] == pytest.approx(exact, rel=2e-4)
-
-
-@pytest.mark.parametrize("theta", PLACES)
-def test_a_rigid_slider_crank_on_a_preloaded_spring(theta: float) -> None:
-    scene = slider_crank(FAR, SLIDER.format(50.0, 1.5), STIFF, PRELOAD)
+def test_a_rigid_slider_crank_on_a_spring(theta: float, loaded: bool) -> None:
+    scene = slider_crank(FAR, SLIDER.format(50.0, 1.5), STIFF, *((PRELOAD,) if loaded else ()))
     inertia, slope, curvature = rigid_slider_crank(theta)
     length = 1.0 + CRANK * np.cos(theta) + np.sqrt(ROD**2 - (CRANK * np.sin(theta)) ** 2)
-    stiffness = 50.0 * slope**2 + 50.0 * (length - 1.5) * curvature
+    stiffness = 50.0 * slope**2 + loaded * 50.0 * (length - 1.5) * curvature
     exact = np.sign(stiffness) * np.sqrt(abs(stiffness) / inertia) / (2 * np.pi)
+    # differences leave 1e-8, the bodies' elasticity and rotary inertia of the sections 1e-4
     assert vibrations(scene, kinematics_of(scene), [theta])[0, 0] == pytest.approx(exact, rel=2e-4)
 
 
@@ -227,14 +220,9 @@ def test_the_dense_pencil_in_the_plane(stiffness: float) -> None:
         np.testing.assert_allclose(found * abs(found), (expected * abs(expected))[:5], rtol=1e-5, atol=round_off)
 
 
-def test_the_dense_pencil_with_a_bushing_and_a_rigid_crank() -> None:
-    scene = slider_crank(BUSHING, "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}",
-                         "bodies.crank.section.radius=5.6e-3")  # fmt: skip
-    kinematics = kinematics_of(scene)
-    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
-        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[:5], rtol=1e-6)
-
-
+RIGID_CRANK = (
+    "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}", "bodies.crank.section.radius=5.6e-3",
+)  # fmt: skip
 SPATIAL = (
     "ground.points.far=[-1.0,0.3,0.2]",
     'effects.s={type="spring_damper",points=["ground:far","rod:tip"],stiffness=3e4,rest=1.0}',
@@ -244,36 +232,33 @@ SPATIAL = (
 )
 
 
-def test_the_dense_pencil_of_beams_in_space() -> None:
-    scene = slider_crank_of_beams(*SPATIAL)
-    kinematics = kinematics_of_beams(scene)
-    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
-        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[: found.size], rtol=1e-6)
+def solids(scene: Scene) -> RigidKinematics:
+    return RigidKinematics(Mechanism.from_scene(scene, condensed(scene, bars_of(scene), group())))
 
 
-def test_the_dense_pencil_of_condensed_solids() -> None:
-    scene = slider_crank_in_space(*SPATIAL)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, bars_of(scene), group())))
-    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
-        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[: found.size], rtol=1e-6)
+DRIVE = 'effects.d={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
+ON_ELBOW = 'effects.t={type="spring_damper",joint="elbow",stiffness=2.0}'
+#: Scene, kinematics, configurations, and how many rigid motions are free of the springs and left out.
+PENCILS = {
+    "bushing and rigid crank": (lambda: slider_crank(BUSHING, *RIGID_CRANK), kinematics_of, PLACES, 0),
+    "beams in space": (lambda: slider_crank_of_beams(*SPATIAL), kinematics_of_beams, PLACES, 0),
+    "condensed solids": (lambda: slider_crank_in_space(*SPATIAL), solids, PLACES, 0),
+    "two coordinates, one on a spring": (
+        lambda: double_pendulum(ON_ELBOW, "reduction.modes=4"), kinematics_of, np.array([[0.3, 0.5], [1.0, -0.7]]), 1,
+    ),
+    # no rigid motion is left, and the spring holds the bent bodies alone
+    "driven": (lambda: slider_crank("effects={}", FAR, SLIDER.format(1e5, 1.0), DRIVE), kinematics_of, PLACES, 0),
+}  # fmt: skip
 
 
-def test_two_coordinates_of_which_one_is_on_a_spring() -> None:
-    """One rigid motion stays free of the spring in the second joint, and is left out; the other one vibrates."""
-    scene = double_pendulum('effects.t={type="spring_damper",joint="elbow",stiffness=2.0}', "reduction.modes=4")
-    kinematics = kinematics_of(scene)
-    for theta in (np.array([0.3, 0.5]), np.array([1.0, -0.7])):
-        found = vibrations(scene, kinematics, [theta])[0]
-        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[1:5], rtol=1e-6)
-
-
-def test_a_spring_on_a_driven_mechanism() -> None:
-    """With the crank driven no rigid motion is left, and the spring holds the bent bodies alone."""
-    drive = 'effects.d={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
-    scene = slider_crank("effects={}", FAR, SLIDER.format(1e5, 1.0), drive)
-    kinematics = kinematics_of(scene)
-    found = vibrations(scene, kinematics, PLACES)
-    np.testing.assert_allclose(found, [dense(scene, kinematics, t)[:5] for t in PLACES], rtol=1e-6)
+@pytest.mark.parametrize("name", PENCILS)
+def test_the_dense_pencil(name: str) -> None:
+    make, kinematics_for, places, left_out = PENCILS[name]
+    scene = make()
+    kinematics = kinematics_for(scene)
+    for theta, found in zip(places, vibrations(scene, kinematics, places)):
+        expected = dense(scene, kinematics, theta)[left_out:]
+        np.testing.assert_allclose(found, expected[: found.size], rtol=1e-6)
 
 
 def test_a_dead_centre_has_the_frequency_zero() -> None:

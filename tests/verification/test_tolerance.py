@@ -15,7 +15,7 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 from scenes import RADIUS
 

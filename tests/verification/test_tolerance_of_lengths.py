@@ -11,7 +11,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.uses import length_names
 
 KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=8, length_points=2"
 OPEN = (

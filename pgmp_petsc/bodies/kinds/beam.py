@@ -4,7 +4,7 @@ Of the third derivative of the strain energy at rest, with the strains ``e = S v
 
     K3_i[v_j, v_k] = S^T f_i(e_j, e_k),
 
-f from `beam2d.third_derivative` or `spatial_rest_strains.third_derivative`.
+f from `beam2d.third_derivative` or `beam3d.third_derivative`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies import beam2d, beam3d, spatial_rest_strains
+from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, element_dofs
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
@@ -220,7 +220,7 @@ class _Third(ThirdPart):
     """Its terms are sectional coefficients."""
 
     def __init__(self, body: Beam, rows: range, n_dofs: int) -> None:
-        chosen, of = body.touching(rows), beam2d if body.planar else spatial_rest_strains
+        chosen, of = body.touching(rows), beam2d if body.planar else beam3d
         self._lengths, self._contracted = body.mesh.lengths[chosen], of.third_derivative
         strains = of.rest_strains(self._lengths, body._turns[chosen])
         dofs, self._n = element_dofs(body.elements[chosen], body.node_dofs), strains.shape[1]

@@ -22,12 +22,11 @@ from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
-from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
-from pgmp_petsc.scene.uses import uses_of
+from pgmp_petsc.scene.uses import length_names, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
     body_findings,

@@ -18,9 +18,9 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effect_checks import impulse_of, parts_of
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
+from pgmp_petsc.scene.references import impulse_of, parts_of
 from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
