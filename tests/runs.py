@@ -172,7 +172,7 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
         [*warm_start.python(environment), *PGMP, *map(str, arguments)],
         stdin=subprocess.DEVNULL,
         capture_output=True,
-        text=True,
+    return re.sub(r"^[a-z -]+: (\d+ of \d+, .*|[a-z -]+, \d+ (s|min \d+ s))\n", "", stderr, flags=re.MULTILINE)
         env=environment,
         cwd=cwd,
         timeout=TIMEOUT_SECONDS,
