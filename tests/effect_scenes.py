@@ -113,11 +113,11 @@ def line_model(scene: Scene) -> FullModel:
 class Recorded:
     """A full-order run."""
 
-    time: np.ndarray  # shape (n_t,), s
-    frames: np.ndarray  # of all nodes and their rates, shape (n_t, n_nodes, 3)
-    rates: np.ndarray
-    balance: Balance  # the balance of energy
-    model: FullModel  # the model
+    time: np.ndarray  # (n_t,), s
+    frames: np.ndarray  # of all nodes, (n_t, n_nodes, 3)
+    rates: np.ndarray  # of the frames, (n_t, n_nodes, 3)
+    balance: Balance
+    model: FullModel
     status: int  # of the sample
 
     @property

@@ -50,13 +50,13 @@ def refusal(scene: Path, command: str) -> str | None:
 class Ending:
     """How one command ended."""
 
-    scene: str  # name of the scene, and the command's first words
-    command: str
-    status: tuple[int, ...]  # exit statuses of all ranks
+    scene: str  # its name
+    command: str  # the first words
+    status: tuple[int, ...]  # of all ranks
     out: str  # what rank 0 printed
     err: str
     seconds: float  # wall time
-    refused: str | None = None  # part of the message with which it must end (see `refusal`); None where it is to work
+    refused: str | None = None  # words of the message with which it must end (see `refusal`); None where it is to work
 
     @property
     def faults(self) -> list[str]:
