@@ -120,10 +120,7 @@ def overrides(scene: Path) -> list[str]:
     """Return the overrides that make a scene's runs short: few steps of the scene's own size, few angles."""
     tables = tomllib.loads(scene.read_text())
     step = tables.get("simulation", {}).get("step", 1e-3)
-    entries = [
-        f"simulation.duration={STEPS * step!r}",
-        "simulation.frames=3",
-    ]
+    entries = [f"simulation.duration={STEPS * step!r}", "simulation.frames=3"]
     if len(tables["coordinates"]) == 1:
         entries.append(f"reduction.angles={ANGLES}")
     return [word for entry in entries for word in ("--override", entry)]

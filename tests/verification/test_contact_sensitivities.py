@@ -11,6 +11,12 @@ from mpi4py import MPI
 from runs import reduced_model, rom_of
 from two_coordinates import double_pendulum
 
+from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.fitting import fit
+from pgmp_petsc.design.goals import read_constraint, read_goal
+from pgmp_petsc.design.measured_history import MeasuredHistory
+from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.sensitivities import sensitivities
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
@@ -21,12 +27,6 @@ from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.design_figures import Question
-from pgmp_petsc.studies.fitting import fit
-from pgmp_petsc.studies.goals import read_constraint, read_goal
-from pgmp_petsc.studies.measured_history import MeasuredHistory
-from pgmp_petsc.studies.optimization import optimize
-from pgmp_petsc.studies.sensitivities import sensitivities
 from scenes import PENDULUM, slider_crank
 
 MODES = (
