@@ -15,7 +15,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 ORDER = (
     "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes",
     "reduction", "outputs", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
-    "bench", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
+    "bench", "design", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
 )  # fmt: skip
 FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows

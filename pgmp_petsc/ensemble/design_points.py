@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 LimitState = Callable[[np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -32,6 +33,11 @@ LONGEST, LEAST_PART = 4.0, 0.125  # step, and share of one
 ALIKE = 0.99  # cosine between design points that are one
 NEAR_PLANE = 0.2  # of a start from a plane on which it lies: rays are followed to a sixth
 FARTHER = 2.0  # than the nearest: a design point of no interest, a thousandth as likely at 3.5
+EXPLAINED = 0.3  # of the points of an event that lie beyond planes which evaluations can lead to, at least
+HOPELESS = 0.1  # of the probability: levels may be wrong by a few times
+WIDE = 1.0  # distance to the points of a border between which a plane is laid, and in which it is searched for
+BISECTED, FINELY = 6, 12  # steps of a bisection, of borders near one that is known, and of others
+ON_BORDER = 0.15  # distance between a plane's nearest point and the border
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +54,15 @@ class DesignPoints:
         Evaluations of g, and of its derivatives, that were taken.
     is_exact
         Whether derivatives are exact, not differences.
+    is_open
+        Whether the last searches still found new ones when evaluations ended.
     """
 
     points: np.ndarray
     alpha: np.ndarray
     n_runs: int
     is_exact: bool
+    is_open: bool = False
 
     @property
     def beta(self) -> np.ndarray:
@@ -66,11 +75,39 @@ def cost_of(d: int, slopes: Slopes | None) -> int:
     return USUAL_STEPS * (1 if slopes is not None else d + 1)
 
 
-def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int) -> DesignPoints | None:
+class _Tangents:
+    """Planes that touch g where its derivatives were taken, as ``g(u) = of + slope . u``."""
+
+    def __init__(self, d: int) -> None:
+        self._of, self._slopes = np.zeros(0), np.zeros((0, d))
+
+    def add(self, u: np.ndarray, g: np.ndarray, slope: np.ndarray) -> None:
+        """Add those at points (n, d) that have derivatives."""
+        known = np.isfinite(g) & np.all(np.isfinite(slope), axis=1) & np.any(slope != 0.0, axis=1)
+        u, g, slope = u[known], g[known], slope[known]
+        self._of = np.concatenate([self._of, g - np.sum(slope * u, axis=1)])
+        self._slopes = np.concatenate([self._slopes, slope])
+
+    def beyond(self, u: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Return how far g at points (n, d), or 0 where it is less, is below all planes, shape (n,); negative where one
+        explains it."""
+        near = self._of - NEAR_PLANE * np.sqrt(np.sum(self._slopes**2, axis=1))
+        least = np.min(np.einsum("nd,md->nm", u, self._slopes) + near, axis=1, initial=np.inf)
+        return least - np.maximum(g, 0.0)
+
+
+def design_points(
+    evaluate: LimitState,
+    slopes: Slopes | None,
+    starts: np.ndarray,
+    most: int,
+    others: tuple[np.ndarray, np.ndarray] | None = None,
+    chance: float = 0.0,
+) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
-    A few searches at a time, until several have found nothing new. A start that lies on one of the planes that touch
-    the border at design points needs none.
+    A few searches at a time, until several have found nothing new. Where a point is explained by a plane that touches g
+    at a point of a search before, none begins. Those that are explained least come first.
 
     Parameters
     ----------
@@ -83,27 +120,49 @@ def design_points(evaluate: LimitState, slopes: Slopes | None, starts: np.ndarra
         Shape (n, d), near the border, the best first; there are as many searches as evaluations allow.
     most
         Evaluations at most, of g or of its derivatives.
+    others
+        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those.
+    chance
+        Of the event, as nearly as it is known: where planes at as many design points as evaluations can lead to would
+        not come near it, as of an event all around, searches end.
     """
     d, used, found, in_vain = starts.shape[1], 0, [], 0
-    cost = cost_of(d, slopes)
-    while len(starts) and in_vain < IN_VAIN and most - used >= cost:
+    cost, tangents = cost_of(d, slopes), _Tangents(d)
+    points, g = (np.zeros((0, d)), np.zeros(0)) if others is None else others
+    points, g = points[np.isfinite(g)], g[np.isfinite(g)]
+    while in_vain < IN_VAIN:
+        if found:
+            starts = starts[tangents.beyond(starts, np.zeros(len(starts))) > 0.0]
+            if not len(starts):
+                beyond = tangents.beyond(points, g)
+                points, g, beyond = (of_all[beyond > 0.0] for of_all in (points, g, beyond))
         n_at_once = min(AT_ONCE, max((most - used) // (2 * cost), 1))
+        chosen, starts = starts[:n_at_once], starts[n_at_once:]
+        if found and not len(chosen):
+            order = np.argsort(-beyond, kind="stable")
+            chosen, rest = points[order[:n_at_once]], order[n_at_once:]
+            points, g = points[rest], g[rest]
+        if not len(chosen) or most - used < cost:
+            break
         known = len(found)
-        settled, of_search = _search(evaluate, slopes, starts[:n_at_once], most - used)
-        found, used, starts = _different(found + settled), used + of_search, starts[n_at_once:]
+        settled, of_search = _search(evaluate, slopes, chosen, most - used, tangents)
+        found, used = _different(found + settled), used + of_search
         in_vain = 0 if len(found) > known else in_vain + 1
-        for point, alpha in found:
-            on_plane = np.abs(starts @ alpha - point @ alpha) < NEAR_PLANE
-            starts = starts[~on_plane]
+        if ndtr([-point @ alpha for point, alpha in found]).sum() * most / max(used, 1) < HOPELESS * chance:
+            break
     if not found:
         return None
-    return DesignPoints(*(np.array(part) for part in zip(*found)), used, slopes is not None)
+    is_open = in_vain == 0 and bool(len(chosen))
+    return DesignPoints(*(np.array(part) for part in zip(*found)), used, slopes is not None, is_open)
 
 
 def _search(
-    evaluate: LimitState, slopes: Slopes | None, u: np.ndarray, most: int
+    evaluate: LimitState, slopes: Slopes | None, u: np.ndarray, most: int, tangents: _Tangents
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
-    """Return the points, each with its alpha, at which searches from u (n, d) settle, and how many evaluations."""
+    """Return the points, each with its alpha, at which searches from u (n, d) settle, and how many evaluations.
+
+    Of starts that lie on the tangent of another one, that one is followed.
+    """
     d, used = u.shape[1], 0
 
     def differences(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +170,17 @@ def _search(
         g = evaluate((u[:, None] + steps).reshape(-1, d)).reshape(len(u), d + 1)
         return g[:, 0], (g[:, 1:] - g[:, :1]) / DIFFERENCE
 
-    gradient, cost = (differences, d + 1) if slopes is None else (slopes, 1)
+    def gradient(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        g, slope = differences(u) if slopes is None else slopes(u)
+        tangents.add(u, g, slope)
+        return g, slope
+
+    cost = d + 1 if slopes is None else 1
     found: list[tuple[np.ndarray, np.ndarray]] = []
     g, slope = gradient(u)
     used += cost * len(u)
+    own = np.array([k for k in range(len(u)) if not _explained(u, g, slope, k)], dtype=int)
+    u, g, slope = u[own], g[own], slope[own]
     before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
     for _ in range(MOST_STEPS):
         norm = np.sqrt(np.sum(slope**2, axis=1))
@@ -158,6 +224,74 @@ def _search(
             used += (len(HALVES) + cost) * n_worse
         u, g, slope = trial, g_trial, slope_trial
     return found, used
+
+
+def _explained(u: np.ndarray, g: np.ndarray, slope: np.ndarray, k: int) -> bool:
+    """Return whether the k-th of points (n, d) lies on the plane that touches g at one before it, and the reverse."""
+    steps, size = u[k] - u[:k], np.sqrt(np.sum(slope[: k + 1] ** 2, axis=1))
+    of_before = np.abs(g[:k] + np.sum(slope[:k] * steps, axis=1) - g[k]) < NEAR_PLANE * size[:k]
+    of_this = np.abs(g[k] - steps @ slope[k] - g[:k]) < NEAR_PLANE * size[k]
+    return bool(np.any(of_before & of_this))
+
+
+def bisected_design_points(inside: LimitState, starts: np.ndarray, most: int) -> DesignPoints | None:
+    """Return the design points of an event of which only points tell whether they are in it; None where there are none.
+
+    On the ray from the origin through a point of the event bisection finds the border; so it does on rays through
+    points at the distance `WIDE` from there along each variable. The plane through those borders (least squares) has a
+    nearest point, whose ray is the next one: it is a design point where the border is on it, too. An error of
+    ``WIDE / 2^BISECTED`` of every border turns the plane by a few hundredths.
+
+    Parameters
+    ----------
+    inside
+        Of points (n, d), shape (n,): whether they are in the event.
+    starts
+        In the event, shape (n, d), the best first.
+    most
+        Evaluations at most.
+    """
+    d, used, found, in_vain = starts.shape[1], 0, [], 0
+    each, n_starts = d * BISECTED + 2 * FINELY, len(starts)
+
+    def border(units: np.ndarray, low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
+        """Return the distances at which rays, each (n,), enter the event between two others."""
+        for _ in range(steps):
+            middle = 0.5 * (low + high)
+            within = inside(middle[:, None] * units)
+            low, high = np.where(within, low, middle), np.where(within, middle, high)
+        return 0.5 * (low + high)
+
+    while len(starts) and in_vain < 2 * IN_VAIN and most - used >= each:
+        unit, reach, starts = starts[0] / np.sqrt(starts[0] @ starts[0]), np.sqrt(starts[0] @ starts[0]), starts[1:]
+        radius = border(unit[None], np.zeros(1), np.array([reach]), FINELY)[0]
+        used, new = used + FINELY, None
+        while new is None and most - used >= each:
+            near = radius * unit + WIDE * np.eye(d)
+            sizes = np.sqrt(np.sum(near**2, axis=1))
+            rays = near / sizes[:, None]
+            on = np.concatenate([[radius], border(rays, sizes - 2.0 * WIDE, sizes + 2.0 * WIDE, BISECTED)])
+            points = on[:, None] * np.concatenate([unit[None], rays])
+            plane = np.linalg.lstsq(points, np.ones(d + 1), rcond=None)[0]
+            beta = 1.0 / np.sqrt(plane @ plane)
+            before, unit = radius, beta * plane
+            radius = border(unit[None], np.array([0.5 * beta]), np.array([1.5 * beta]), FINELY)[0]
+            used += d * BISECTED + FINELY
+            if abs(radius - beta) < ON_BORDER:
+                new = radius * unit, unit
+            elif not radius < before:
+                break
+        known = len(found)
+        found = _different(found + ([] if new is None else [new]))
+        in_vain = 0 if len(found) > known else in_vain + 1
+        for point, alpha in found:
+            starts = starts[starts @ alpha < point @ alpha - NEAR_PLANE]
+        if (1.0 - len(starts) / n_starts) * most < EXPLAINED * used:
+            break
+    if not found:
+        return None
+    is_open = bool(len(starts))
+    return DesignPoints(*(np.array(part) for part in zip(*found)), used, False, is_open)
 
 
 def _merit(u: np.ndarray, g: np.ndarray, weight: np.ndarray) -> np.ndarray:

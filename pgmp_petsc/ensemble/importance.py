@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,7 +109,7 @@ class KernelDensity:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Kernels, and the standard normal density outside a ball.
+    """Kernels, and the standard normal density outside a ball and beyond planes.
 
     Attributes
     ----------
@@ -118,12 +118,19 @@ class Mixture:
     outside
         Probability of outside the ball.
     share
-        Of samples from there.
+        Of samples from there, of those that are not from beyond planes.
+    alpha, beta
+        Unit vectors (n_planes, d) and distances (n_planes,) of planes ``alpha . u = beta``.
+    beyond
+        Share of samples from beyond them.
     """
 
     kernels: KernelDensity
     outside: float
     share: float
+    alpha: np.ndarray | None = None
+    beta: np.ndarray | None = None
+    beyond: float = 0.0
 
     @property
     def _squared_radius(self) -> float:
@@ -140,24 +147,42 @@ class Mixture:
             np.concatenate([own.deviations, np.ones(n)]),
             own.roots,
         )
-        return Mixture(kernels, self.outside, self.share)
+        return replace(self, kernels=kernels)
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
+        from scipy.special import ndtr, ndtri
+
         d = self.kernels.centres.shape[1]
-        n_outside = int(random.binomial(n, self.share))
+        n_beyond = int(random.binomial(n, self.beyond)) if self.beyond else 0
+        n_outside = int(random.binomial(n - n_beyond, self.share))
         directions = random.standard_normal((n_outside, d))
         directions /= np.sqrt(np.sum(directions**2, axis=1, keepdims=True))
         # 1 - random is never 0, which would be infinitely far
         radii = np.sqrt(_squared_radius(self.outside * (1.0 - random.random(n_outside)), d))
-        return np.concatenate([radii[:, None] * directions, self.kernels.draw(n - n_outside, random)])
+        drawn = [radii[:, None] * directions, self.kernels.draw(n - n_outside - n_beyond, random)]
+        if n_beyond:
+            chances = ndtr(-self.beta)
+            chosen = random.choice(len(chances), size=n_beyond, p=chances / chances.sum())
+            along, normals = -ndtri(chances[chosen] * (1.0 - random.random(n_beyond))), self.alpha[chosen]
+            points = random.standard_normal((n_beyond, d))
+            drawn.append(points + (along - np.sum(points * normals, axis=1))[:, None] * normals)
+        return np.concatenate(drawn)
 
     def log(self, points: np.ndarray) -> np.ndarray:
         """Return the logarithm of the density at points (n, d), shape (n,)."""
+        from scipy.special import ndtr
+
         # the points drawn nearest are on the border but for round-off
-        beyond = np.sum(points**2, axis=1) >= (1.0 - 1e-12) * self._squared_radius
-        of_outside = np.where(beyond, log_normal(points) + np.log(self.share / self.outside), -np.inf)
-        return np.logaddexp(of_outside, np.log1p(-self.share) + self.kernels.log(points))
+        normal, beyond = log_normal(points), np.sum(points**2, axis=1) >= (1.0 - 1e-12) * self._squared_radius
+        of_outside = np.where(beyond, normal + np.log(self.share / self.outside), -np.inf)
+        found = np.logaddexp(of_outside, np.log1p(-self.share) + self.kernels.log(points))
+        if not self.beyond:
+            return found
+        n_beyond = np.sum(np.einsum("nd,kd->nk", points, self.alpha) >= (1.0 - 1e-12) * self.beta, axis=1)
+        with np.errstate(divide="ignore"):
+            of_planes = normal + np.log(n_beyond * self.beyond / ndtr(-self.beta).sum())
+        return np.logaddexp(np.log1p(-self.beyond) + found, of_planes)
 
 
 def log_normal(points: np.ndarray) -> np.ndarray:

@@ -242,11 +242,16 @@ def of_weighted(rounds: Sequence[np.ndarray], confidence: float) -> np.ndarray:
     every = np.concatenate(rounds)
     if not every.any():
         return UNKNOWN
-    variation = np.sqrt(sum(one.size * one.var(ddof=1) for one in rounds)) / every.sum()
     worth = every.sum() ** 2 / np.sum(every**2)
     freedom = freedom_of(np.concatenate([one - one.mean() for one in rounds]), worth - 1.0)
-    reach = np.sqrt(np.log1p(variation**2)) * _student(confidence, max(freedom, 1.0))
+    reach = np.sqrt(np.log1p(variation_of(rounds) ** 2)) * _student(confidence, max(freedom, 1.0))
     return np.minimum(every.mean() * np.exp([-reach, reach]), 1.0)
+
+
+def variation_of(rounds: Sequence[np.ndarray]) -> float:
+    """Return the coefficient of variation of a mean of weights (n,) in independent rounds; NaN where all are zero."""
+    total = sum(float(one.sum()) for one in rounds)
+    return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in rounds)) / total) if total > 0.0 else np.nan
 
 
 def with_failed(

@@ -11,7 +11,8 @@ Where nine tenths of the samples have the same g, and few or none are nearer (an
 the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g then;
 their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (sequential
 Monte Carlo: Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436), which makes
-them points of a level (`_Chains.from_afar`). Where they find nothing, all runs that are left are plain samples, whose
+them points of a level (`_Chains.from_afar`); but where bisection finds design points that explain all of them,
+chains begin there. Where they find nothing, all runs that are left are plain samples, whose
 interval is that of a share. Where the levels come to their end before the event, the last of them is weighed in its
 place: its probability bounds that of the event.
 
@@ -23,14 +24,22 @@ shares. The first round does no more than that. Of each later one the mean of ``
 probability: unbiased wherever the points are, as rounds before are given, so that the rounds are uncorrelated and their
 variances add. They count as the square roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no
 estimate of how much the later ones are better. The interval is that of the central limit theorem. What it rests on is
-that no part of the event is far from all points: in many variables a part that no level has seen has no part in the
-interval either.
+that no part of the event is far from all points: in many variables a part that neither a level nor a search has seen
+has no part in the interval either.
 
 Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
 known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
 through the means of the clusters of all levels, opposite to them, and along each variable both ways enter the event
 near the design points of its parts, which importance sampling of events with several parts takes for centres (Au,
 Papadimitriou and Beck, Structural Safety 21 (1999) 113-133).
+
+From there, and from all points whose g no plane that touches it elsewhere explains (of levels, and of samples of
+deviations up to 3), searches lead to design points (`design_points`). Of every round a share is from beyond the planes
+that touch the border there, in proportion to their probabilities, whose weights are the sum of those over the number of
+planes that a sample is beyond: exact of a union of half-spaces but for overlaps (Owen, Maximov and Chertkov, Electronic
+Journal of Statistics 13 (2019) 231-254). The share is that of the least variance (Neyman), by what of the event lies
+before all planes. Where searches still found new ones when samples for them ended, parts may be missing, and nothing is
+decided: the interval goes on to what the levels alone leave open.
 
 A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
 the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
@@ -41,11 +50,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
-from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, design_points
+from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, bisected_design_points, design_points
 from pgmp_petsc.ensemble.importance import (
     CLUSTERS,
     FEWEST,
@@ -57,7 +67,7 @@ from pgmp_petsc.ensemble.importance import (
     log_normal,
     outside_of,
 )
-from pgmp_petsc.ensemble.intervals import freedom_of, of_probability
+from pgmp_petsc.ensemble.intervals import of_probability, of_weighted, variation_of
 from pgmp_petsc.ensemble.sampling import OF_RARE, stream
 
 SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
@@ -66,7 +76,9 @@ MOST_OF_LEVEL = 2000
 PART_OF_LEVEL = 8  # of the samples that are left a level has one of so many: with fewer, chains lose parts of an event
 PART_WEIGHED = 8  # of all samples one of so many is left to be weighed, at least
 MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
-PART_OF_DESIGN = 2  # of the samples that are left searches for design points have one of so many, at most
+OF_DESIGN = 2 / 3  # of the samples that are left searches for design points have, at most
+SCANNED = (1.5, 2.0, 3.0)  # deviations of samples that see whether there is more than levels have seen
+PART_SCANNED = 40  # of the samples that are left one of so many is of each of these
 BEYOND = 0.1  # of a design point, where the event is
 FEWEST_SEEDS = 5  # points below a plateau that a level begins from
 AFAR = (1.5, 2.0, 3.0, 4.5)  # deviations of samples that look for what is below a plateau
@@ -75,6 +87,7 @@ FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
 AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are known better than by rays
+VARY = 30.0  # how much more weights vary before the planes of design points than beyond them
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
 WEAK = 15.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
@@ -97,6 +110,8 @@ class Level:
         g of the samples before, shape (n,); infinite where the run failed.
     is_afar
         Whether its first points are from samples of larger deviations, of which the share is a guess.
+    variation
+        Coefficient of variation of the share, from its chains; NaN of a guess.
     """
 
     threshold: float
@@ -104,6 +119,7 @@ class Level:
     accepted: float
     before: np.ndarray
     is_afar: bool = False
+    variation: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +158,7 @@ class RareSamples:
         """Whether the event was reached and weighed."""
         if self.is_plain:
             return bool(self.contributions.any())
-        return self.weights.size > 0 and not self.weighed > 0.0 and not self.is_weak
+        return self.weights.size > 0 and not (self.weighed > 0.0 or self.is_weak or self.may_have_lost_parts)
 
     @property
     def is_weak(self) -> bool:
@@ -195,10 +211,7 @@ class RareSamples:
     @property
     def variation(self) -> float:
         """Coefficient of variation of the probability, estimated."""
-        found = self.contributions
-        if not found.any():
-            return np.nan
-        return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in self._of_rounds)) / found.sum())
+        return variation_of(self._of_rounds)
 
     @property
     def n_effective(self) -> float:
@@ -206,42 +219,49 @@ class RareSamples:
         found = self.contributions
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
 
-    @property
+    @cached_property
     def may_have_lost_parts(self) -> bool:
-        """Whether the event has parts that lie apart, and nothing has looked for further ones.
+        """Whether the event has parts that lie apart, and nothing shows that there are no further ones.
 
-        Rays lead to parts that a level has seen, and levels miss parts by chance. Samples from outside the ball find a
-        part as likely as the event is, where that is less than once to be expected, hardly ever: in many variables
-        nearly everything is outside.
+        Searches for design points show it, where they ended as they found nothing new. So do samples from outside the
+        ball, which find a part as likely as the event is, where that is once to be expected; in many variables nearly
+        everything is outside.
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0
-        if not inside.any() or self.is_plain:
+        if self.is_plain or self.is_weak or self.weighed > 0.0 or not inside.any():
             return False
-        looked = OUTSIDE * found.size * self.probability / outside_of(points[inside])
-        return bool(looked < 1.0 and lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0)))
+        if not (self.design is None or self.design.is_open):
+            return False
+        if OUTSIDE * found.sum() / outside_of(points[inside]) >= 1.0:
+            return False
+        several = self.design is not None and self.design.beta.size > 1
+        return several or lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
 
     def interval(self, confidence: float) -> np.ndarray:
-        """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal.
+        """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).
 
-        Student's t, with the freedom of as many samples as the weighted ones are worth, or that their kurtosis leaves
-        their variance (`intervals.freedom_of`): a few large weights decide on it. Of an event that was not reached it
-        is from 0 to the upper end of that of the level before it, or of the first samples, none of which is in it: the
-        smaller one, each of which holds with half of the doubt.
+        Of an event that was not reached it is from 0 to the upper end of that of the level before it, or of the first
+        samples, none of which is in it: the smaller one, each of which holds with half of the doubt. Where parts may
+        have been lost it goes on to the upper end of what the levels alone say.
         """
-        from scipy.special import stdtrit
-
         if self.is_plain:
             return of_probability(int(np.count_nonzero(self.contributions)), self.weights.size, confidence)
-        if self.levels and (self.is_weak or not np.isfinite(self.variation)):
+        if self.levels and (self.is_weak or not self.contributions.any()):
             return np.array([0.0, self._of_first(confidence)])
-        if not np.isfinite(self.variation):
-            return np.full(2, np.nan)
-        freedom = freedom_of(np.concatenate([one - one.mean() for one in self._of_rounds]), self.n_effective - 1.0)
-        reach = float(stdtrit(max(freedom, 1.0), 0.5 + 0.5 * confidence))
-        spread = np.sqrt(np.log1p(self.variation**2)) * reach
-        ends = np.minimum(self.contributions.mean() * np.exp([-spread, spread]), 1.0)
-        return ends if self.reached else np.array([0.0, min(ends[1], self._of_first(confidence))])
+        ends = of_weighted(self._of_rounds, confidence)
+        if self.weighed > 0.0:
+            return np.array([0.0, min(ends[1], self._of_first(confidence))])
+        return np.array([ends[0], max(ends[1], self._of_levels(confidence))]) if self.may_have_lost_parts else ends
+
+    def _of_levels(self, confidence: float) -> float:
+        """Return the upper end of what the levels alone say: of the logarithm of their product, whose shares are off
+        all alike at most (Au and Beck 2001)."""
+        variation = float(np.sum([level.variation for level in self.levels]))
+        if not np.isfinite(variation):
+            return self._of_first(confidence)
+        reach = np.sqrt(np.log1p(variation**2)) * float(ndtri(0.5 + 0.5 * confidence))
+        return min(self.by_levels * float(np.exp(reach)), 1.0)
 
     def _of_first(self, confidence: float) -> float:
         """Return what the first samples, which are independent, bound the probability of an event without any of them
@@ -280,7 +300,7 @@ def find(
     has_design
         Whether design points are looked for, which events of variables that step have none of.
     """
-    chains = _Chains(limit_state, seed, d, n_samples, slopes)
+    chains = _Chains(limit_state, seed, d, n_samples, slopes, has_design)
     levels, directions, last = _levels(chains)
     design, weights, weighed = None, [], 0.0
     if levels:
@@ -291,7 +311,7 @@ def find(
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
         nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
-        design = chains.design(np.concatenate([nearest, centres])) if has_design else None
+        design = chains.design(np.concatenate([nearest, centres]), chance, weighed) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
@@ -348,12 +368,16 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
                 if chains.left - size < least_left:
                     size = len(points)
             threshold = max(0.0, float(g[passed].max()))
-        share = passed.size / before.size if share is None else share
+        variation = np.nan
+        if share is None:
+            share = passed.size / before.size
+            sums = np.bincount(own, weights=np.isin(np.arange(own.size), passed) - share)
+            variation = float(np.sqrt(np.sum(sums**2)) / passed.size)
         families = own[passed][np.arange(size) % passed.size]
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
         directions.append(directions_of(points, own, g, chains.random()))
-        levels.append(Level(threshold, share, accepted, before, is_afar))
+        levels.append(Level(threshold, share, accepted, before, is_afar, variation))
         if threshold == 0.0:
             break
     return levels, directions, (points, g, families)
@@ -363,10 +387,17 @@ class _Chains:
     """Evaluates g, and keeps all points."""
 
     def __init__(
-        self, limit_state: LimitState, seed: int, d: int, n_samples: int, slopes: Slopes | None = None
+        self,
+        limit_state: LimitState,
+        seed: int,
+        d: int,
+        n_samples: int,
+        slopes: Slopes | None = None,
+        has_design: bool = True,
     ) -> None:
         self._limit_state, self._seed, self._d, self._n_samples = limit_state, seed, d, n_samples
-        self._slopes = slopes
+        self._slopes, self._has_design = slopes, has_design
+        self._from_afar: DesignPoints | None = None
         self.points: list[np.ndarray] = []
         self.values: list[np.ndarray] = []
         self._spread = 0.6  # of a step over the deviation of the points
@@ -410,15 +441,30 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def design(self, starts: np.ndarray) -> DesignPoints | None:
+    def design(self, starts: np.ndarray, chance: float, level: float) -> DesignPoints | None:
         """Return the design points that searches from some points lead to, with a part of the samples that are left;
-        from differences where exact derivatives lead to none."""
+        from differences where exact derivatives lead to none, and of a level on g by bisection where nor those do."""
+        if self._from_afar is not None:
+            return self._from_afar
+        n_scanned, random = self.left // PART_SCANNED, self.random()
+        self.evaluate(
+            np.repeat(SCANNED, n_scanned)[:, None] * random.standard_normal((len(SCANNED) * n_scanned, self._d))
+        )
         nearest = starts[np.argsort(np.sum(starts**2, axis=1))]
         units = nearest / np.maximum(np.sqrt(np.sum(nearest**2, axis=1, keepdims=True)), 1e-300)
         nearest, found = nearest[unlike(units)], None
         for slopes in (None,) if self._slopes is None else (self._differentiated, None):
-            found = found or design_points(self.evaluate, slopes, nearest, self.left // PART_OF_DESIGN)
+            most, others = int(OF_DESIGN * self.left), (np.concatenate(self.points), np.concatenate(self.values))
+            found = found or design_points(self.evaluate, slopes, nearest, most, others, chance)
+        if found is None:
+            points, g = (np.concatenate(part) for part in (self.points, self.values))
+            found = self._bisected(points[g <= level], level, self.left)
         return found
+
+    def _bisected(self, inside: np.ndarray, level: float, n: int) -> DesignPoints | None:
+        """Return the design points of a level on g by bisection from points within, with a part of n samples."""
+        inside = inside[np.argsort(np.sum(inside**2, axis=1))]
+        return bisected_design_points(lambda u: self.evaluate(u) <= level, inside, int(OF_DESIGN * n))
 
     def _differentiated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return g and its derivatives, each of which counts as a sample."""
@@ -428,12 +474,15 @@ class _Chains:
     def beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return points of the event from design points on, their g, and the share of accepted steps; None where the
         event does not lie there."""
+        seeds = self._beyond(design)
+        return seeds and self.go_on(*seeds, 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
+
+    def _beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return points of the event beyond design points, and their g; None where there are none."""
         seeds = design.points + BEYOND * design.alpha
         g = self.evaluate(seeds)
         inside = g <= 0.0
-        if not inside.any():
-            return None
-        return self.go_on(seeds[inside], g[inside], 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
+        return (seeds[inside], g[inside]) if inside.any() else None
 
     def from_afar(self, level: float, to_be_left: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
         """Return normal points with g below a level, shape (m, d), their g, the numbers of those they stem from, and
@@ -446,17 +495,25 @@ class _Chains:
         random, d = self.random(), self._d
         n = self.left - to_be_left
         best: tuple[float, np.ndarray, np.ndarray, int] | None = None
+        of_event = np.zeros((0, d))
         for deviation in AFAR:
             each = min(max(LEAST_OF_LEVEL // 2, n // (3 * len(AFAR))), self.left)
             drawn = deviation * random.standard_normal((each, d))
             g = self.evaluate(drawn)
             below = g < level
-            if below.any() and (best is None or below.sum() > len(best[1])):
+            if below.any() and (best is None or len(best[1]) < min(FOUND, below.sum())):
                 best = deviation, drawn[below], g[below], each
-            if np.count_nonzero(below) >= FOUND:
+            of_event = np.concatenate([of_event, drawn[g <= 0.0]])
+            if len(of_event) >= FOUND:
                 break
         if best is None:
             return None
+        if len(of_event) and self._has_design:
+            found = self._bisected(of_event, 0.0, self.left - to_be_left)
+            seeds = self._beyond(found) if found is not None and not found.is_open else None
+            if seeds is not None:
+                self._from_afar = found
+                return *seeds, np.arange(len(seeds[0])), float(min(1.0, ndtr(-found.beta).sum()))
         deviation, points, g, each = best
         n_steps = 1.0 + np.log(deviation) * np.sqrt(d) / 0.6
         m = int(np.clip((self.left - to_be_left) / (2.0 * n_steps), LEAST_OF_LEVEL // 2, MOST_OF_LEVEL))
@@ -508,10 +565,16 @@ class _Chains:
         of_chains = centres, known / known.sum(), alike, values
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
+        before = 1.0 / np.unique(families).size  # share of the event that is not beyond the planes of design points
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
         for size, share in zip(sizes, AT_ENTRANCES if design is None else AT_DESIGN):
             random = self.random()
             density = chosen_density(centres, known, random, alike, values).with_kernels(entrances, share)
+            if design is not None:
+                outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
+                before = max(before, float(np.average(outside, weights=known)))
+                share = (1.0 - before) / (1.0 - before + VARY * before)
+                density = replace(density, alpha=design.alpha, beta=design.beta, beyond=share)
             densities.append(density)
             drawn = density.draw(size, random)
             found = self.evaluate(drawn)
@@ -617,8 +680,6 @@ def entrances(
     probability
         Of the event, as nearly as it is known.
     """
-    from scipy.special import ndtri
-
     far = -float(ndtri(RARER * probability))
     if len(directions):
         most = -(-len(directions) // STEPS)

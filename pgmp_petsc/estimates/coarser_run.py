@@ -117,7 +117,8 @@ def run_coarser(
     calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
 
     def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
-        return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
+        n_iterations, n_fresh, n_calls = done.counted
+        return n_iterations + FACTORS * n_fresh + calling * (n_calls + RECORDED * n_steps)
 
     most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far

@@ -396,6 +396,8 @@ def _of_rare_event(source: Source) -> Iterator[Sentence]:
     what = found.event.replace("_", " ")
     if found.reached:
         yield [f"{what}: ", place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends), "."]
+    elif found.interval[0] > 0.0:
+        yield [f"{what}: not decided, as parts of it may be missing; ", ends[0], " to ", ends[1], "."]
     elif np.isfinite(found.interval[1]):
         yield [f"{what}: not reached; its probability is at most ", ends[1], "."]
 

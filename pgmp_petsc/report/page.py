@@ -344,6 +344,8 @@ def _rare_event(source: Source) -> Table:
     ends = [place.datum("interval", end, f"{end:.3g}", str(k)) for k, end in enumerate(found.interval)]
     if found.reached:
         chance = [place.datum("estimate", found.estimate, f"{found.estimate:.3g}"), " ", Interval(*ends)]
+    elif found.interval[0] > 0.0:
+        chance = ["not decided: ", ends[0], " to ", ends[1]]
     else:
         chance = ["not reached: at most ", ends[1]] if np.isfinite(found.interval[1]) else ["not reached"]
     rows: list[list[Sentence]] = [[["probability"], chance, [""]]]

@@ -185,7 +185,10 @@ def _levels(result: RareEvent, unit: str) -> Iterator[str]:
 
 def _probability(result: RareEvent) -> Iterator[str]:
     if not result.reached:
-        bound = result.interval[1]
+        low, bound = result.interval
+        if low > 0.0:
+            yield f"  probability             {low:.3g} to {bound:.3g} ({100 * result.confidence:g} %): not decided"
+            return
         most = f"at most {bound:.3g} ({100 * result.confidence:g} %)" if np.isfinite(bound) else "unknown"
         yield f"  probability             {most}: not reached"
         return

@@ -181,13 +181,42 @@ def test_fifty_parameters_at_1e_6_are_reached() -> None:
 
 
 def test_an_event_that_is_worth_nothing_is_bounded() -> None:
-    """An indicator in 50 variables: no slope tells its direction, and a few samples have all of the weight."""
+    """An indicator in 50 variables whose values step, so that it has no design points: few samples weigh all."""
     beyond = plane(50, float(norm.isf(1e-6)))
-    found = [find(lambda u: np.where(beyond(u) <= 0.0, -1.0, 1.0), 50, 5000, seed) for seed in range(4)]
+    event = lambda u: np.where(beyond(u) <= 0.0, -1.0, 1.0)  # noqa: E731
+    found = [find(event, 50, 5000, seed, has_design=False) for seed in range(4)]
     weak = [one for one in found if one.is_weak]
     assert weak and all(one.interval(0.95)[0] == 0.0 < 1e-6 < one.interval(0.95)[1] < 0.01 for one in weak)
     said = rare_remarks(weak[0], np.zeros(5000), True)[0].text
     assert said.startswith("the event was found, but its") and "of which no probability follows" in said
+
+
+def test_the_border_of_an_indicator_in_50_variables_is_found_by_bisection() -> None:
+    """Without it samples told nothing: the event was bounded by 0.006."""
+    turned = np.linalg.qr(np.random.default_rng(3).standard_normal((50, 50)))[0]
+    for parts in (1, 2):
+        b = norm.isf(1e-9 / parts)
+        along = (lambda u: u @ turned[:, 0]) if parts == 1 else (lambda u: np.abs(u @ turned[:, 0]))
+        found = [find(lambda u: np.where(along(u) >= b, -1.0, 1.0), 50, 8000, seed) for seed in range(3)]
+        for one in (each for each in found if each.reached):
+            np.testing.assert_allclose(one.design.beta, b, atol=0.35)
+            assert abs(one.probability / 1e-9 - 1.0) < 4.0 * max(one.variation, 0.05)
+        assert sum(one.reached for one in found) >= 2
+
+
+def test_all_of_twenty_parts_are_found_and_more_than_can_be_are_not_decided() -> None:
+    """Of a box in 10 variables 9 to 15 parts were found, and 39 of 100 intervals held."""
+    turned = np.linalg.qr(np.random.default_rng(4).standard_normal((20, 20)))[0]
+    for d, n_samples in ((10, 5000), (20, 3000)):
+        b = float(norm.isf(-0.5 * np.expm1(np.log1p(-1e-9) / d)))
+        one = find(lambda u: b - np.abs(u @ turned[:d, :d] if d == 20 else u).max(axis=1), d, n_samples, 11)
+        low, high = one.interval(0.95)
+        assert low < 1e-9 < high
+        if d == 10:
+            assert one.design.beta.size == 20 and one.variation < 0.1 and one.reached
+        else:
+            assert one.may_have_lost_parts and not one.reached and np.isnan(one.probability)
+            assert rare_remarks(one, np.zeros(n_samples), True)[0].text.startswith("not decided: the event has parts")
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -230,7 +259,8 @@ def test_both_design_points_of_two_sides_are_found_and_what_has_no_slope_has_non
     found = find(both_sides, 2, 2000, 1).design
     np.testing.assert_allclose(found.beta, norm.isf(0.5e-3), rtol=1e-3)
     assert sorted(np.sign(found.points[:, 0])) == [-1.0, 1.0]
-    assert find(lambda u: np.where(both_sides(u) <= 0.0, -1.0, 1.0), 2, 2000, 1).design is None
+    stepping = find(lambda u: np.where(both_sides(u) <= 0.0, -1.0, 1.0), 2, 2000, 1, has_design=False)
+    assert stepping.design is None
 
 
 def test_slopes_that_are_given_count_as_samples_and_differences_stand_in_where_they_fail() -> None:
@@ -483,10 +513,10 @@ def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
     assert not lie_apart(part[:19], np.ones(19), random)
 
 
-def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
+def test_events_in_parts_that_nothing_has_looked_for_are_not_decided() -> None:
     series = norm.isf(2.5e-5)
-    lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1)
-    assert lost.may_have_lost_parts
+    lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1, has_design=False)
+    assert lost.may_have_lost_parts and not lost.reached
     assert any("parts that lie apart" in one.text for one in rare_remarks(lost, np.zeros(3000), True))
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not find(both_sides, 2, 2000, 1).may_have_lost_parts

@@ -9,14 +9,14 @@ from runs import full_model, history, reduced_model, samples
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from pgmp_petsc.design import fitting
+from pgmp_petsc.design.fitting import fit, uncertainty
+from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Fit
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.studies import fitting
-from pgmp_petsc.studies.fitting import fit, uncertainty
-from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation
 from scenes import slider_crank
 
 MODES = (

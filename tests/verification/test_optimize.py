@@ -8,6 +8,10 @@ import pytest
 from mpi4py import MPI
 from runs import reduced_model
 
+from pgmp_petsc.design import design_figures
+from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.goals import read_constraint, read_goal
+from pgmp_petsc.design.optimization import designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -15,10 +19,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.studies import design_figures
-from pgmp_petsc.studies.design_figures import Question
-from pgmp_petsc.studies.goals import read_constraint, read_goal
-from pgmp_petsc.studies.optimization import designed_parameters, optimize
 from pgmp_petsc.texts.gradient_tables import design_lines
 from scenes import PENDULUM, STEEL, slider_crank
 
@@ -170,9 +170,7 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
     assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
 
 
-def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(
-    cantilever: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantilever: ReducedModel, monkeypatch) -> None:
     halved = reduced_model(scene_from_toml(CANTILEVER.replace("step = 1e-3", "step = 5e-4"), "."))
 
     def with_half_the_step(model: ReducedModel, values: dict[str, float], names: tuple[str, ...]) -> DifferentiatedRun:

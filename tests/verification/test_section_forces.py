@@ -11,6 +11,10 @@ from runs import full_model, reduced_model, rom_of
 from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
+from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.goals import read_goal
+from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.sensitivities import sensitivities
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -21,10 +25,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.studies.design_figures import Question
-from pgmp_petsc.studies.goals import read_goal
-from pgmp_petsc.studies.optimization import optimize
-from pgmp_petsc.studies.sensitivities import sensitivities
 
 SCENE = ROOT / "scenes" / "slider_crank.toml"
 NOMINAL, THINNER, DEVIATION = 5.6e-3, 5.04e-3, 0.56e-3

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.design.fitting import ends_of, limits_of
+from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -16,8 +18,6 @@ from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.studies.fitting import ends_of, limits_of
-from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -27,6 +27,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.design.goals import TurnedBack
+from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
+from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
@@ -40,9 +43,6 @@ from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import count_steps
-from pgmp_petsc.studies.goals import TurnedBack
-from pgmp_petsc.studies.measured_history import MeasuredHistory, autocorrelation, remembered
-from pgmp_petsc.studies.sensitivities import chosen_parameters, contact_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI

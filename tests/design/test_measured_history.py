@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from pgmp_petsc.design import measured_history
+from pgmp_petsc.design.measured_history import autocorrelation, read_history, remembered
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies import measured_history
-from pgmp_petsc.studies.measured_history import autocorrelation, read_history, remembered
 
 OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
 DURATION = 1.0
@@ -70,9 +70,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, message: str) -
     assert message in str(caught.value) and "measured.csv" in str(caught.value)
 
 
-def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(measured_history, "LARGE", 0)
     slowly: list[str] = []
     one_by_one = measured_history._number

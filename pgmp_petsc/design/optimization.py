@@ -18,6 +18,10 @@ from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
+from pgmp_petsc.design.design_figures import DesignFigures, Question
+from pgmp_petsc.design.fitting import served_remarks
+from pgmp_petsc.design.goals import Dual, Outcome
+from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, step_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.models import ReducedModel, of_samples
@@ -29,10 +33,6 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.studies.design_figures import DesignFigures, Question
-from pgmp_petsc.studies.fitting import served_remarks
-from pgmp_petsc.studies.goals import Dual, Outcome
-from pgmp_petsc.studies.sensitivities import chosen_parameters, contact_remarks, step_remarks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
