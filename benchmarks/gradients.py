@@ -19,10 +19,8 @@ from mpi4py import MPI
 from benchmarks.on_model import main
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.progress import Silent
-from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.studies.inputs import read_rom
-from pgmp_petsc.studies.records import ReducedRecord
 
 
 def run(rom: Path, n: int) -> None:
@@ -32,9 +30,9 @@ def run(rom: Path, n: int) -> None:
     values = {name: np.array([value]) for name, value in scene.values.items()}
 
     def plain() -> None:
-        record = ReducedRecord(Silent())
+        record = StateRecord(lambda n_steps: None)
         integrate(model.batch(values, 1), scene.simulation, observer=record)
-        _, states = record.history()
+        _, states = record.states()
         model.outputs.evaluate(model.observed_of(states.q, scene.values))
 
     names = list(scene.parameters)

@@ -84,17 +84,7 @@ hypothesis.settings.load_profile("suite")
 
 
 def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subprocess.CompletedProcess[str]:
-    """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed.
-
-    Parameters
-    ----------
-    n : int
-        Number of ranks.
-    *command : object
-        Arguments of the Python interpreter that runs the tests: a script and its arguments, ``-m``, ...
-    check_status : int or None
-        Exit status that the test needs; None for any.
-    """
+    """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed."""
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     if n == 1:  # mpirun waits two seconds for what else it could have to kill after a status other than zero
@@ -150,6 +140,12 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from result_files import written_by_commands
 
     return written_by_commands(tmp_path_factory.mktemp("by_commands"))
+
+
+@pytest.fixture(scope="module")
+def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder that the tests of a module share."""
+    return tmp_path_factory.mktemp(request.module.__name__)
 
 
 @pytest.fixture(scope="session")

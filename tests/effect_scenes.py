@@ -111,28 +111,14 @@ def line_model(scene: Scene) -> FullModel:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A full-order run.
+    """A full-order run."""
 
-    Attributes
-    ----------
-    time
-        Shape (n_t,), s.
-    frames, rates
-        Of all nodes and their rates, shape (n_t, n_nodes, 3).
-    balance
-        The balance of energy.
-    model
-        The model.
-    status
-        Of the sample.
-    """
-
-    time: np.ndarray
-    frames: np.ndarray
-    rates: np.ndarray
+    time: np.ndarray  # (n_t,), s
+    frames: np.ndarray  # of all nodes, (n_t, n_nodes, 3)
+    rates: np.ndarray  # of the frames, (n_t, n_nodes, 3)
     balance: Balance
     model: FullModel
-    status: int
+    status: int  # of the sample
 
     @property
     def angle(self) -> np.ndarray:

@@ -19,23 +19,11 @@ TINY = 1e-30  # of complex steps: no subtraction, so no round-off
 
 @dataclass(frozen=True)
 class Beams:
-    """Elements of planar beams.
+    """Elements of planar beams."""
 
-    Attributes
-    ----------
-    dofs
-        Unknowns ``(x1, y1, phi1, x2, y2, phi2)`` of the elements, shape (n_e, 6).
-    length
-        Shape (n_e,), m; all elements lie along the x axis of their body.
-    section
-        ``(EA, k_s GA, EI, rho A, rho I)``, shape (n_e, 5).
-    n_dofs
-        Number of unknowns.
-    """
-
-    dofs: np.ndarray
-    length: np.ndarray
-    section: np.ndarray
+    dofs: np.ndarray  # unknowns (x1, y1, phi1, x2, y2, phi2) of the elements, (n_e, 6)
+    length: np.ndarray  # (n_e,), m; all elements lie along the x axis of their body
+    section: np.ndarray  # (EA, k_s GA, EI, rho A, rho I), (n_e, 5)
     n_dofs: int
 
     def energy(self, q: np.ndarray) -> np.ndarray:
@@ -84,22 +72,12 @@ def chain(n_cells: tuple[int, ...], lengths: tuple[float, ...], sections: list[l
 
 @dataclass(frozen=True)
 class Eliminated:
-    """Beams with constraints and loads.
-
-    Attributes
-    ----------
-    beams
-        The elements.
-    residual, jacobian
-        Constraints c(q) and C(q), analytic functions of complex q.
-    load
-        Nodal loads at a time, shape (n_dofs,).
-    """
+    """Beams with constraints and loads."""
 
     beams: Beams
-    residual: Callable[[np.ndarray], np.ndarray]
-    jacobian: Callable[[np.ndarray], np.ndarray]
-    load: Callable[[float], np.ndarray]
+    residual: Callable[[np.ndarray], np.ndarray]  # constraints c(q), an analytic function of complex q
+    jacobian: Callable[[np.ndarray], np.ndarray]  # C(q), likewise
+    load: Callable[[float], np.ndarray]  # nodal loads at a time, (n_dofs,)
 
     def accelerations(self, time: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return accelerations and multipliers."""

@@ -89,13 +89,7 @@ KINDS = {
 
 
 class Unit:
-    """An FMU's library of version 2 or 3 of FMI.
-
-    Attributes
-    ----------
-    said
-        Messages so far.
-    """
+    """An FMU's library of version 2 or 3 of FMI; `said` are its messages so far."""
 
     MESSAGE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
 

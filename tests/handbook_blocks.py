@@ -42,27 +42,13 @@ _END = re.compile(r"[;|&<>()]+$")
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code.
+    """A block of code."""
 
-    Attributes
-    ----------
-    page
-        Path below the repository.
-    line
-        Of its first line, that of a fence included, from 1.
-    kind
-        ``sh``, ``toml``, ``python``, ``output`` or ``text`` (an equation).
-    text
-        Without fence and indent.
-    marks
-        What the comments above it say, by their kind.
-    """
-
-    page: str
-    line: int
-    kind: str
-    text: str
-    marks: dict[str, list[str]] = field(default_factory=dict)
+    page: str  # path below the repository
+    line: int  # of its first line, that of a fence included, from 1
+    kind: str  # ``sh``, ``toml``, ``python``, ``output`` or ``text`` (an equation)
+    text: str  # without fence and indent
+    marks: dict[str, list[str]] = field(default_factory=dict)  # what the comments above it say, by their kind
 
     def __str__(self) -> str:
         return f"{self.page}:{self.line}"

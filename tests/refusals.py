@@ -1,13 +1,13 @@
 """Tables of what is refused, a case a line: ``what is asked -> how the answer begins``.
 
 An answer that begins with ``=`` or ``:`` speaks of the entry that is asked for; ``|`` in it stands for any words,
-``||`` for the end of a line. ``&`` is between the parts of what is asked.
+``||`` for the end of a line. ``&`` is between the parts of what is asked. A line goes on, indented, in the next.
 """
 
 
 def cases(text: str) -> list[tuple[str, str]]:
     """Return what is asked and what is said to it; empty lines and those that begin with # are for readers."""
-    lines = (line for line in text.splitlines() if line and not line.startswith("#"))
+    lines = (line for line in text.replace("\n    ", " ").splitlines() if line and not line.startswith("#"))
     return [tuple(" ".join(part.split()) for part in line.split(" -> ", 1)) for line in lines]
 
 

@@ -78,13 +78,7 @@ class StaticEquilibrium:
         return self._from_inertial(jacobian.T).T
 
     def solve(self, load: np.ndarray) -> np.ndarray:
-        """Return u of shape (n_dofs,) for a load in body frames.
-
-        Raises
-        ------
-        RuntimeError
-            If Newton's method does not converge.
-        """
+        """Return u of shape (n_dofs,) for a load in body frames."""
         n, n_c = load.size, self._constraints.n_constraints
         held = self.mass @ self.rigid
         u, multipliers = np.zeros(n), np.zeros(n_c + held.shape[1])

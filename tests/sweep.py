@@ -48,29 +48,15 @@ def refusal(scene: Path, command: str) -> str | None:
 
 @dataclass(frozen=True)
 class Ending:
-    """How one command ended.
+    """How one command ended."""
 
-    Attributes
-    ----------
-    scene, command
-        Name of the scene, and the command's first words.
-    status
-        Exit statuses of all ranks.
-    out, err
-        What rank 0 printed.
-    seconds
-        Wall time.
-    refused
-        Part of the message with which it must end (see `refusal`); None where it is to work.
-    """
-
-    scene: str
-    command: str
-    status: tuple[int, ...]
-    out: str
+    scene: str  # its name
+    command: str  # the first words
+    status: tuple[int, ...]  # of all ranks
+    out: str  # what rank 0 printed
     err: str
-    seconds: float
-    refused: str | None = None
+    seconds: float  # wall time
+    refused: str | None = None  # words of the message with which it must end (see `refusal`); None where it is to work
 
     @property
     def faults(self) -> list[str]:
@@ -134,10 +120,7 @@ def overrides(scene: Path) -> list[str]:
     """Return the overrides that make a scene's runs short: few steps of the scene's own size, few angles."""
     tables = tomllib.loads(scene.read_text())
     step = tables.get("simulation", {}).get("step", 1e-3)
-    entries = [
-        f"simulation.duration={STEPS * step!r}",
-        "simulation.frames=3",
-    ]
+    entries = [f"simulation.duration={STEPS * step!r}", "simulation.frames=3"]
     if len(tables["coordinates"]) == 1:
         entries.append(f"reduction.angles={ANGLES}")
     return [word for entry in entries for word in ("--override", entry)]

@@ -137,32 +137,32 @@ def wrong(what: str, received: object, allowed: str) -> InputError:
 
 def overrides_of(overrides: object) -> tuple[str, ...]:
     """Return overrides as a command takes them, none for None; raises `InputError` where they are something else."""
-    if overrides is None:
-        return ()
     if isinstance(overrides, Mapping):
         from pgmp_petsc.scene.messages import inline_toml  # with all that a scene may say, which results need not
 
         return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
-    if not isinstance(overrides, (list, tuple)) or not all(isinstance(text, str) for text in overrides):
-        raise InputError(
-            f"overrides = {overrides!r}: allowed are a mapping such as {{'reduction.modes': 8}}, or a list of texts "
-            "such as ['reduction.modes=8']"
-        )
-    return tuple(overrides)
+    return _texts(
+        "overrides", overrides, "a mapping such as {'reduction.modes': 8}, or a list of texts such as "
+        "['reduction.modes=8']",
+    )  # fmt: skip
 
 
 def settings_of(parameters: object) -> tuple[str, ...]:
     """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
-    if parameters is None:
-        return ()
     if isinstance(parameters, Mapping):
         return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
-    if not isinstance(parameters, (list, tuple)) or not all(isinstance(text, str) for text in parameters):
-        raise InputError(
-            f"parameters = {parameters!r}: allowed are a mapping of names to numbers, such as {{'r1': 5e-3}}, or a "
-            "list of texts such as ['r1=5e-3']"
-        )
-    return tuple(parameters)
+    return _texts(
+        "parameters", parameters, "a mapping of names to numbers, such as {'r1': 5e-3}, or a list of texts such as "
+        "['r1=5e-3']",
+    )  # fmt: skip
+
+
+def _texts(name: str, given: object, allowed: str) -> tuple[str, ...]:
+    if given is None:
+        return ()
+    if not isinstance(given, (list, tuple)) or not all(isinstance(text, str) for text in given):
+        raise InputError(f"{name} = {given!r}: allowed are {allowed}")
+    return tuple(given)
 
 
 def _number(value: object) -> str:

@@ -7,5 +7,5 @@ up what an earlier run of the program has finished (`finished`). There is one er
 
 Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates`, `reduction_choice` and
 `step_choice`; `refusal` says what prevents one), and what accuracy costs in time (`tradeoff`, from the settings of
-`sweep`, with `advice`). Begin with `cases` and `bench`.
+`candidates`, with `advice`). Begin with `cases` and `bench`.
 """

@@ -133,7 +133,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
         if reduced:  # what is observed of reduced samples is cheap only for many at once
             kept.append(np.array([state.q, state.v]))
             return
-        frames = model.frames(system, state)
+        frames = system.frames(state)
         kept.append(model.observed_over(system, [state], frames))
         of_joints.append(frames[nodes])
 

@@ -16,14 +16,14 @@ from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
-from pgmp_petsc.reduced import lagrangian
+from pgmp_petsc.reduced import lagrangian_terms
 from pgmp_petsc.runtime.claims import check_output, locked
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
 PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
-PRINTED = {"lagrangian": lagrangian, "statements": statements}
+PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
 COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS if part not in PRINTED), "main.c")
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
 PRINTED_HEAD = f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n'

@@ -1,11 +1,12 @@
 """Sums of products with tables in index notation: a Lagrangian's equations as loops over the entries of its tables.
 
-A row such as ``b[kl,i] v_k v_l q_i`` is a sum over its letters of entries of a table and of coordinates q, their rates v
-and accelerations a. Letters k and l count the coordinates theta that tables depend on, i, j and h all others, delta.
+A row such as ``b[kl,i] v_k v_l q_i`` is a sum over its letters of entries of a table and of coordinates q, their rates
+v and accelerations a. Letters k and l count the coordinates theta that tables depend on, i, j and h all others, delta.
 Tables are symmetric in letters that stand together, skew where ``^`` is between two, and packed: the second one of
 such letters is never above the first. With P what an entry T is multiplied by, p_x = dP/dv_x, and d_k T = dT/dtheta_k,
+d/dt dL/dv_x - dL/dq_x is
 
-    d/dt dL/dv_x - dL/dq_x:   T (p_x' - dP/dq_x) + T' p_x,   T' = sum_k v_k d_k T,   and in all rows of theta   - P d_k T.
+    T (p_x' - dP/dq_x) + T' p_x,   T' = sum_k v_k d_k T,   and in all rows of theta   - P d_k T.
 
 P and what comes of it are polynomials of a few factors, so that all derivatives are those of products. A loop adds up
 what the loop around it multiplies by what they have in common (`_Nest.loop`): each entry is taken up once, and few
@@ -219,8 +220,7 @@ class Loops:
     outputs
         What each entry adds: target, source, factor, and in which condition.
     entries
-        Texts that take up the value of an entry, its derivatives, and both together, of its place `{}`; by table. Both
-        are taken up one after the other where the last text is empty.
+        Texts that take up the value of an entry and its derivatives, of its place `{}`; by table.
     conditions
         Of `Term.only`.
     first
@@ -230,7 +230,7 @@ class Loops:
     """
 
     outputs: Outputs
-    entries: dict[str, tuple[str, str, str]]
+    entries: dict[str, tuple[str, str]]
     conditions: dict[str, str]
     first: str = ""
     read: str = "load({}, {})"
@@ -320,10 +320,8 @@ class Loops:
             if factor:
                 drifting = source == "drift"
                 found.append(_Sum(target, value if source == "value" else slopes, drifting, factor, fresh))
-        own, slope, both = self.entries[term.table]
+        own, slope = self.entries[term.table]
         sources = {one.source for one in found}
-        if both and {value, slopes} <= sources:
-            return [f"{value}, {slopes} = {both.format(place)}"], found
         lines = [f"let {value} = {own.format(place)}"] if value in sources else []
         return [*lines, *([f"all {slopes} = {slope.format(place)}"] if slopes in sources else [])], found
 

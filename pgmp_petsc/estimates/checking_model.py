@@ -25,7 +25,7 @@ Runs start undeformed with e = 0. From static equilibrium each model starts in i
 At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
 does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible part follows
 by its static answer and vibrates where it is driven at its own frequencies. Both come out of a time integration with
-the run's own steps, or longer ones (generalised-alpha, `schedule`). For the integrator the unknown is e.
+the run's own steps, or longer ones (generalised-alpha, `reference_motion`). For the integrator the unknown is e.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, S
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.28  # of the work of the run, counted in corrections, so that it is the same on all machines
+MOST = 0.25  # of the work of the run, counted in corrections, so that it is the same on all machines
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
@@ -117,7 +117,8 @@ def run_coarser(
     calling = CALLING[mechanism.space.dimension] / mechanism.n_dofs
 
     def work(done: Run | GeneralisedAlpha, n_steps: int) -> float:
-        return done.n_iterations + FACTORS * done.n_fresh + calling * (done.n_calls + RECORDED * n_steps)
+        n_iterations, n_fresh, n_calls = done.counted
+        return n_iterations + FACTORS * n_fresh + calling * (n_calls + RECORDED * n_steps)
 
     most, spent = np.inf if of is None else MOST * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far
@@ -213,27 +214,27 @@ def step_errors(
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
-    differences, lost, loudest = {}, {}, (0.0, np.nan)
+    fine = np.column_stack(list(outputs.values()))
+    coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
+    differences = dict(zip(outputs, (coarse - CubicSpline(time, fine)(at)).T))
     kinked = {name for name, output in scene.outputs.items() if output.kinked}
-    for name, values in outputs.items():
-        there = other.outputs[name][:n, sample]
-        differences[name] = there - CubicSpline(time, values)(at)
-        off, turn = bands.lost(values[covered], CubicSpline(at, there)(time[covered]), ratio, name in kinked)
-        lost[name] = np.interp(at, bands.hop * step * np.arange(off.size), off)
-        share = float(off.max(initial=0.0)) / max(float(np.abs(values).max()), np.finfo(float).tiny)
-        if share > loudest[0]:
-            loudest = share, turn / (2.0 * np.pi * step)
+    between, with_kinks = CubicSpline(at, coarse)(time[covered]), np.array([name in kinked for name in outputs])
+    off, turns = bands.lost(fine[covered], between, ratio, with_kinks)
+    places = bands.hop * step * np.arange(len(off))
+    lost = {name: np.interp(at, places, own) for name, own in zip(outputs, off.T)}
+    shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
+    loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = any(effect.edged for effect in scene.effects.values())
     unsure = ""
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
     elif other.shortest[sample] < BRIEF * other.step:
         unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
-    elif edged and (loudest[0] > RUBS or other.status[sample] != Status.FINE):
+    elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
         unsure = "friction or stops act with vibrations that a coarser step loses"
     order = (ROUGH if unsure else ratio**2 - 1.0) * max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
-    return StepErrors(at, errors, loudest[1] if loudest[0] > TREMBLES else np.nan, unsure)
+    return StepErrors(at, errors, lost_hz if loudest > TREMBLES else np.nan, unsure)
 
 
 @dataclass(frozen=True)
@@ -259,37 +260,42 @@ class Bands:
         """Steps between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
-    def lost(self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: bool) -> tuple[np.ndarray, float]:
-        """Return how far vibrations out of phase are off in every window, and their mean ``omega h``.
+    def lost(
+        self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
+        h``, shape (k,), of k outputs.
 
         Parameters
         ----------
         fine, coarse
-            An output of both runs after every step of the finer one, shape (n,).
+            The outputs of both runs after every step of the finer one, shape (n, k).
         ratio
             Of their steps.
         kinked
-            Whether the output has kinks.
+            Which outputs have kinks, shape (k,).
         """
-        if fine.size < 2 * self.length:
-            return np.zeros(1), np.nan
+        if len(fine) < 2 * self.length:
+            return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
         amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
         out = apart > LOST * amplitudes
-        out[:, :LOWEST] = False
-        if kinked:
-            out &= amplitudes > PEAK * median_filter(amplitudes, (1, AROUND), mode="nearest")
+        out[..., :LOWEST] = False
+        if kinked.any():
+            of_kinked = amplitudes[:, kinked]
+            out[:, kinked] &= of_kinked > PEAK * median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
-        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1])
-        found = np.empty_like(amplitudes)
+        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1:])
+        found, resolved = np.empty_like(amplitudes), apart / (ratio**2 - 1.0)
         for k, drift in enumerate(self.hop * self.drifts * amplitudes):
             found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
-            off = np.where(out[k], found[k], apart[k] / (ratio**2 - 1.0))
+            off = np.where(out[k], found[k], resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
-        mean = float(weights @ self.turns / weights.sum()) if weights.any() else np.nan
-        return np.sqrt((found**2).sum(axis=1)), mean
+        total = weights.sum(axis=1)
+        mean = np.where(total > 0.0, weights @ self.turns / np.where(total > 0.0, total, 1.0), np.nan)
+        return np.sqrt((found**2).sum(axis=2)), mean
 
     def _amplitudes(self, values: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of all bands in all windows, shape (n_windows, n_bands).
+        """Return the amplitudes of all bands of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
 
         The squares of neighbouring bands add up to that of a vibration between them. The ends go on point-symmetrically
         for half a window: what begins at the start is seen.
@@ -297,12 +303,12 @@ class Bands:
         n, half = self.length, self.hop
         ahead, behind = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
         every = np.concatenate([ahead, values, behind])
-        windows = np.lib.stride_tricks.sliding_window_view(every, n)[::half]
+        windows = np.lib.stride_tricks.sliding_window_view(every, n, axis=0)[::half]
         line = np.arange(n) - 0.5 * (n - 1)
         slopes = windows @ line / (line @ line)
-        level = windows - windows.mean(axis=1, keepdims=True) - slopes[:, None] * line
+        level = windows - windows.mean(axis=2, keepdims=True) - slopes[..., None] * line
         hann = np.sin(np.pi * np.arange(n) / n) ** 2
-        return np.abs(np.fft.rfft(level * hann, axis=1)) * 4.0 / (n * np.sqrt(1.5))
+        return np.abs(np.fft.rfft(level * hann, axis=2)) * 4.0 / (n * np.sqrt(1.5))
 
 
 def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:

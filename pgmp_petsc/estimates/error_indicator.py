@@ -7,7 +7,7 @@
 
 Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
 and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
-(`schedule`); where none do, the output has no estimate.
+(`reference_motion`); where none do, the output has no estimate.
 
 Samples side by side follow tables that are polynomials of the lengths, rigid inertia included, and their outputs are
 polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the

@@ -62,7 +62,8 @@ def evaluate_actions(
     for k in range(actions.laws.addresses.size):
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
-            own[:] = y[k, :, sample]
+            for i in range(2 * m):
+                own[i] = y[k, i, sample]
             s = state(statements, k, own, known[k, sample], with_tangents, scratch, g, h)
             turned[k, sample] = s if np.isfinite(s) else known[k, sample]
             rate = 0.0

@@ -22,13 +22,14 @@ from numba.extending import intrinsic
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.tiles import store_rows
 from pgmp_petsc.runtime.vectors import (
+    CACHE_LINE,
     N_POWERS,
     N_POWERS_OF_RIGID,
-    coefficients_of,
-    derivatives,
     join,
     load_rows,
     parts_of,
+    row_of,
+    spread_number,
     vector,
 )
 
@@ -49,6 +50,31 @@ def weigh(terms, weights, coefficients):
             coefficients[c] += weights[t] * terms[t, c]
 
 
+def _derivatives(
+    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
+) -> dict[tuple[int, ...], ir.Value]:
+    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
+
+    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
+        if level == len(places):
+            return {(): coefficient(first)}
+        stride, s = n_powers ** (len(places) - level - 1), places[level]
+        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
+        found = {}
+        for others in inner[0]:
+            # Horner's scheme, and what it makes of its own partial sums
+            sums = [inner[-1][others]]
+            for power in range(n_powers - 2, -1, -1):
+                longer = [builder.fadd(builder.fmul(s, sums[0]), inner[power][others])]
+                longer += [builder.fadd(builder.fmul(s, y), x) for x, y in zip(sums, sums[1:])]
+                sums = (longer + sums[-1:])[: order - sum(others) + 1]
+            for times, total in enumerate(sums):
+                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
+        return found
+
+    return along(0, 0)
+
+
 def _jet(n_powers: int, order: int, about: str) -> Callable:
     @intrinsic
     def function(typing, coefficients, entry, place):
@@ -56,8 +82,16 @@ def _jet(n_powers: int, order: int, about: str) -> Callable:
         wanted = [which for total in range(order + 1) for which in product(range(r), repeat=total)]
 
         def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            rows = coefficients_of(context, builder, sig, args, n_powers)
-            found = derivatives(builder, rows, parts_of(builder, args[2], r), n_powers, order)
+            base = builder.mul(args[1], ir.Constant(args[1].type, n_powers**r))
+
+            def coefficient(number: int) -> ir.Value:
+                at = builder.add(base, ir.Constant(base.type, number))
+                if coefficients.ndim == 2:
+                    return builder.load(row_of(context, builder, coefficients, args[0], at), align=CACHE_LINE)
+                data = context.make_array(coefficients)(context, builder, args[0]).data
+                return spread_number(builder, builder.load(builder.gep(data, [at])))
+
+            found = _derivatives(builder, coefficient, parts_of(builder, args[2], r), n_powers, order)
             return join(builder, [found[tuple(which.count(k) for k in range(r))] for which in wanted])
 
         return types.UniTuple(vector, len(wanted))(coefficients, types.intp, place), build

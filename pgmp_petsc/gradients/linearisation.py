@@ -25,7 +25,7 @@ from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid
-from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
+from pgmp_petsc.reduced.lagrangian_terms import fill_residual, fill_tangents
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
 from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread

@@ -139,14 +139,16 @@ def _statement(kind: int, **directions: np.ndarray) -> Statement:
     return Statement(kind, axes)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def _evaluate_all(kind, axes, z, turned, values, gradients, hessians):
     """Evaluate a statement at pairs of frames, the columns of z; derivatives without columns are not wanted."""
     gradient, hessian, spare = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0])), np.empty(z.shape[0])
     first, second = gradients.shape[1] > 0, hessians.shape[2] > 0
+    n = gradient.size
     for k in range(z.shape[1]):
         values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], second, gradient, hessian, spare)
-        if first:
-            gradients[:, k] = gradient
-        if second:
-            hessians[:, :, k] = hessian
+        # number by number: what an array put into another would say of their shapes takes seconds to compile
+        for i in range(n if first else 0):
+            gradients[i, k] = gradient[i]
+            for j in range(n if second else 0):
+                hessians[i, j, k] = hessian[i, j]

@@ -192,14 +192,14 @@ class FullModel:
 
         Collective on the system's communicator.
         """
-        frames = self.frames(system, state)[list(self.outputs.nodes)]
+        frames = system.frames(state)[list(self.outputs.nodes)]
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
         communicator."""
-        return self.observed_over(system, [state], self.frames(system, state))
+        return self.observed_over(system, [state], system.frames(state))
 
     def observed_over(
         self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray
@@ -245,10 +245,6 @@ class FullModel:
         unknowns = Unknowns(self.kinematics.mechanism)
         seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)
         return FullFields(seen, unknowns)
-
-    def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""
-        return system.frames(state)
 
 
 class ComponentModel(FullModel):

@@ -66,7 +66,7 @@ class Work(NamedTuple):
     q, rate, acceleration
         Coordinates of the iterate and their derivatives, n_eta each.
     v, a
-        Velocities and accelerations as the inertia forces see them (see `reduced.lagrangian` and
+        Velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
         ``Layout.quadratic``), n_eta each.
     balance
         The residual, n_eta.
@@ -74,8 +74,13 @@ class Work(NamedTuple):
         Packed rigid inertia, and its derivatives, coordinate after coordinate.
     load, load_slope
         ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
-    right
-        A right-hand side of the rigid coordinates, n_theta.
+    moved, pulled, turned
+        ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate
+        after coordinate.
+    bent
+        ``V delta``, packed.
+    along, across
+        Products of a matrix with delta and with delta', n_delta each.
     place
         In the cells, n_theta, rad.
     """
@@ -90,7 +95,12 @@ class Work(NamedTuple):
     rigid_slope: np.ndarray
     load: np.ndarray
     load_slope: np.ndarray
-    right: np.ndarray
+    moved: np.ndarray
+    pulled: np.ndarray
+    turned: np.ndarray
+    bent: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
     place: np.ndarray
 
 
@@ -237,6 +247,7 @@ class Strengths(NamedTuple):
 def allocate(layout):
     """Return work arrays of one block."""
     r, n = len(layout.rigid), layout.n_eta
+    m = n - r
     return Work(
         empty_lanes(n, LANES),
         empty_lanes(n, LANES),
@@ -248,7 +259,12 @@ def allocate(layout):
         empty_lanes(r * layout_n_rigid(r), LANES),
         empty_lanes(layout.load_end, LANES),
         empty_lanes(r * layout.load_end, LANES),
-        empty_lanes(r, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * m, LANES),
+        empty_lanes(m * (m + 1) // 2, LANES),
+        empty_lanes(max(r, m), LANES),
+        empty_lanes(max(r, m), LANES),
         empty_lanes(r, LANES),
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.reduced.lagrangian import fill_energies
+from pgmp_petsc.reduced.lagrangian_terms import fill_energies
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.interpolation import Interpolant

@@ -1,6 +1,6 @@
 """Newton corrections of the reduced model, LANES samples at a time, compiled.
 
-The equations are those of `reduced.lagrangian`. Their tables are interpolated at the sample's own theta and weighted
+The equations are those of `reduced_lagrangian`. Their tables are interpolated at the sample's own theta and weighted
 with its own parameters.
 
 A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its
@@ -123,7 +123,7 @@ def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     if fresh:
         _hold_prescribed(equations, matrix)
         eliminate(matrix, r, n - r)
-    solve(matrix, r, n - r, work.balance, work.right)
+    solve(matrix, r, n - r, work.balance, work.along)
 
 
 @njit(inline="always")

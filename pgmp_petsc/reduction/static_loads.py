@@ -1,6 +1,6 @@
 """The loads whose static answers extend the basis, at any configuration and parameter values, in body frames.
 
-`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`mode_changes`).
+`InfluenceProbe` has the influences of unit loads on the stiffness of the modes (`tables`).
 """
 
 from __future__ import annotations

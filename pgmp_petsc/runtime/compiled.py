@@ -9,7 +9,8 @@ marked by all that is compiled into it: the code of the functions that it calls,
 the names that they read. Words, and functions that it does not call, may change.
 
 Processes that compile at once may also write two signatures of one function to the same file; numba would call the
-wrong one. What is loaded is therefore compared with what was asked for.
+wrong one. What is loaded is therefore compared with what was asked for. What Python calls, and what is apart, is
+compiled by one process at a time; others wait, and load it.
 
 Compiling takes minutes where a run takes seconds: while it goes on, the counts of progress say so.
 """
@@ -17,10 +18,13 @@ Compiling takes minutes where a run takes seconds: while it goes on, the counts 
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import functools
 import hashlib
 import inspect
+import os
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,15 +36,17 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import binding, ir
-from numba.core import cgutils, environment, event, extending, imputils, sigutils, types, typing
+from numba.core import cgutils, codegen, environment, event, extending, imputils, sigutils, types, typing
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import _nrt_python
 
+from pgmp_petsc.runtime import machine_code
 from pgmp_petsc.runtime.progress import waits_for
 
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 COMPILING = "compiling, once for scenes of this kind"
+PATIENCE = 300.0  # s, for what another process compiles
 MAKE = "pgmp_make"  # what compiled code has a function apart made by
 PACKAGE = Path(__file__).parent.parent
 LIBRARIES = ("numpy", "numba", "math")  # numba knows their functions; its version marks its files
@@ -215,7 +221,7 @@ class _ByName(CompileResultCacheImpl):
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         """Return what the names of its files begin with."""
         fullname = fullname.replace("<", "").replace(">", "")
-        return f"{fullname}.py{sys.version_info[0]}{sys.version_info[1]}{abiflags}"
+        return f"{fullname}.{sys.implementation.cache_tag}{abiflags}"
 
 
 class _LenientCache(FunctionCache):
@@ -406,6 +412,7 @@ class _NamesAlone(_ByName):
 
     def reduce(self, cres: Any) -> tuple:
         """Return what is kept."""
+        cres.library.make()
         (name, kind, (machine_code, bitcode)), *rest = super().reduce(cres)
         module = binding.parse_bitcode(bitcode)
         defined = [function.name for function in module.functions if not function.is_declaration]
@@ -414,9 +421,52 @@ class _NamesAlone(_ByName):
 
 
 class _EntryCache(_LenientCache):
-    """The cache of a function that Python alone calls."""
+    """The cache of a function that Python alone calls, or of one apart; what one process compiles, others wait for."""
 
     _impl_class = _NamesAlone
+    _lock: int | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled function of a signature, or None, and then no other process compiles it."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._enabled:
+            self._take_lock()
+            found = super().load_overload(sig, target_context)
+            if found is not None:
+                self._give_back_lock()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function of a signature."""
+        super().save_overload(sig, data)
+        self._give_back_lock()
+
+    def _take_lock(self) -> None:
+        """Wait until no other process compiles the function.
+
+        Where there are no locks, or another takes too long, it is compiled twice.
+        """
+        self._give_back_lock()
+        try:
+            self._impl.locator.ensure_cache_path()
+            lock = os.open(self._cache_file._index_path.removesuffix("nbi") + "lock", os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:
+            return
+        self._lock, until = lock, time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                time.sleep(0.02)
+            except OSError:
+                return
+
+    def _give_back_lock(self) -> None:
+        """Let others compile."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
 
 class _Compiling(event.Listener):
@@ -432,6 +482,7 @@ class _Compiling(event.Listener):
 
 
 event.register("numba:compile", _Compiling())
+codegen.JITCPUCodegen._library_class = machine_code.Library
 
 
 def _note(problem: str) -> None:

@@ -338,42 +338,34 @@ def add_to_rows(typing, array, first, stride, x, y):
     return types.void(array, types.intp, types.intp, x, y), build
 
 
-def derivatives(
-    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
-) -> dict[tuple[int, ...], ir.Value]:
-    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
+def _horner(
+    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, with_slopes: bool
+) -> tuple[ir.Value, list[ir.Value]]:
+    """Build value and derivatives of a polynomial with n_powers along each of several places, from its coefficients."""
 
-    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
+    def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
         if level == len(places):
-            return {(): coefficient(first)}
+            return row(first), []
         stride, s = n_powers ** (len(places) - level - 1), places[level]
-        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        found = {}
-        for others in inner[0]:
-            # Horner's scheme, and what it makes of its own partial sums
-            sums = [inner[-1][others]]
-            for power in range(n_powers - 2, -1, -1):
-                longer = [_fused(builder, s, sums[0], inner[power][others])]
-                longer += [_fused(builder, s, y, x) for x, y in zip(sums, sums[1:])]
-                sums = (longer + sums[-1:])[: order - sum(others) + 1]
-            for times, total in enumerate(sums):
-                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
-        return found
+        c = [along(level + 1, first + power * stride) for power in range(n_powers)]
+        value, others = c[-1]
+        slope = value
+        for power in range(n_powers - 2, -1, -1):
+            value = _fused(builder, s, value, c[power][0])
+            if with_slopes:
+                others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
+                slope = _fused(builder, s, slope, value) if power else slope
+        return value, [slope, *others] if with_slopes else []
 
     return along(0, 0)
 
 
-def coefficients_of(
-    context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int
-) -> Callable[[int], ir.Value]:
-    """Return what loads the coefficients of an entry: vectors, or numbers that are the same in all lanes."""
+def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int) -> Callable[[int], ir.Value]:
+    """Return what loads the coefficients of an entry of kept polynomials."""
     base = builder.mul(args[1], ir.Constant(args[1].type, n_powers ** len(sig.args[2])))
 
     def row(number: int) -> ir.Value:
         at = builder.add(base, ir.Constant(base.type, number))
-        if sig.args[0].ndim == 1:
-            data = context.make_array(sig.args[0])(context, builder, args[0]).data
-            return spread_number(builder, builder.load(builder.gep(data, [at])))
         return builder.load(row_of(context, builder, sig.args[0], args[0], at), align=CACHE_LINE)
 
     return row
@@ -386,14 +378,12 @@ def _polynomial(n_powers: int, with_slopes: bool, about: str) -> Callable:
         result = types.Tuple((vector, slopes)) if with_slopes else vector
 
         def build(context, builder, sig, args):
-            rows = coefficients_of(context, builder, sig, args, n_powers)
+            rows = _coefficients(context, builder, sig, args, n_powers)
             places = parts_of(builder, args[2], len(place))
-            found = derivatives(builder, rows, places, n_powers, int(with_slopes))
-            none = (0,) * len(place)
+            value, parts = _horner(builder, rows, places, n_powers, with_slopes)
             if not with_slopes:
-                return found[none]
-            parts = [found[none[:k] + (1,) + none[k + 1 :]] for k in range(len(place))]
-            return context.make_tuple(builder, sig.return_type, (found[none], join(builder, parts)))
+                return value
+            return context.make_tuple(builder, sig.return_type, (value, join(builder, parts)))
 
         return result(kept, types.intp, place), build
 

@@ -47,7 +47,7 @@ class Use:
 
 
 def length_uses(scene: Scene) -> Iterator[Use]:
-    """Yield the entries of lengths and places: of straight lines, and of points of the ground (`scene.lengths`)."""
+    """Yield the entries of lengths and places: of straight lines, and of points of the ground."""
     for name, body in scene.bodies.items():
         if body.line is not None:
             yield Use(f"bodies.{name}.line.length", body.line.length, "positive", ("m",))

@@ -1,2 +1,1 @@
-"""Solvers of large eigenproblems: shift-invert with checked pairs (`shift_invert`) over factors of MUMPS
-(`shifted_factor`)."""
+"""Solvers of large eigenproblems: shift-invert with checked pairs, over factors of MUMPS (`shift_invert`)."""

@@ -237,19 +237,16 @@ class AlphaStep:
 
     Attributes
     ----------
-    n_iterations
-        Newton corrections done so far, all samples together.
-    n_fresh
-        Those of them that found a matrix and its factors anew; known of a single sample.
-    n_calls
-        Calls of the system, for steps or for a correction.
+    counted
+        Newton corrections so far, all samples together; those of them that found a matrix and its factors anew, known of
+        a single sample; and calls of the system, for steps or for a correction.
     """
 
     def __init__(self, system: SecondOrderSystem, spectral_radius: float, patient: bool = True) -> None:
         self._system, self._patient, self._spectral_radius = system, patient, spectral_radius
         self._projects = spectral_radius > DAMPED and system.moving_constraints
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
-        self.n_iterations = self.n_fresh = self.n_calls = 0
+        self.counted = np.zeros(3, dtype=np.int64)
 
     def scheme(self, step: float) -> Scheme:
         """Return the coefficients for a step."""
@@ -307,9 +304,7 @@ class AlphaStep:
 
     def count(self, n_corrections: np.ndarray | int, n_fresh: np.ndarray | int, n_calls: int) -> None:
         """Count corrections, those with a matrix of their own, and calls of the system."""
-        self.n_iterations += int(np.sum(n_corrections))
-        self.n_fresh += int(np.sum(n_fresh))
-        self.n_calls += n_calls
+        self.counted += (np.sum(n_corrections), np.sum(n_fresh), n_calls)
 
     def _project(self, end: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints."""
@@ -471,4 +466,4 @@ def first_accelerations(
         lost |= failed
     found.a = 2.0 * ends[0] - ends[1]
     system.restore(found, start, lost)
-    return found.a, stepper.n_iterations
+    return found.a, int(stepper.counted[0])

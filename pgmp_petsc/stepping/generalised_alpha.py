@@ -90,11 +90,6 @@ class Called(Observer):
         """See the state after a step."""
         self._function(number, time, state)
 
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps; the function is called without a method between."""
-        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
-            self._function(number, time, states.at(k))
-
 
 @dataclass(frozen=True)
 class Together(Observer):
@@ -162,6 +157,8 @@ class GeneralisedAlpha:
         Steps that are behind it.
     n_divided
         Steps of every sample that were taken in parts, shape (n_samples,).
+    counted
+        See `AlphaStep`.
     """
 
     def __init__(
@@ -185,11 +182,13 @@ class GeneralisedAlpha:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius, patient=parts == 1)
         self._finer, self.n_divided = AlphaStep(system, spectral_radius), np.zeros(system.n_samples, dtype=int)
+        self.counted = self._finer.counted = self._stepper.counted
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._step = duration / n_steps
         self._moment = standing(start, start.a.copy(), system.n_samples)
         if n_first_steps(system) and self._alive.any():
-            first, self._stepper.n_iterations = first_accelerations(system, start, self._step, self._alive)
+            first, n_iterations = first_accelerations(system, start, self._step, self._alive)
+            self._stepper.count(n_iterations, 0, 0)
             self._moment = self._moment._replace(auxiliary=first)
         self._events = EventLocation(system, self._stepper, start) if system.n_events else None
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
@@ -201,21 +200,6 @@ class GeneralisedAlpha:
     def state(self) -> State:
         """The current state."""
         return self._moment.state
-
-    @property
-    def n_iterations(self) -> int:
-        """Newton corrections done so far, all samples together."""
-        return self._stepper.n_iterations + self._finer.n_iterations
-
-    @property
-    def n_fresh(self) -> int:
-        """Corrections so far that found a matrix and its factors anew; known of a single sample."""
-        return self._stepper.n_fresh + self._finer.n_fresh
-
-    @property
-    def n_calls(self) -> int:
-        """Calls of the system for steps and corrections, so far."""
-        return self._stepper.n_calls + self._finer.n_calls
 
     @property
     def shortest_crossing(self) -> np.ndarray:
@@ -339,21 +323,22 @@ class Run:
         Final state.
     status, failure_time
         Of every sample, shape (n_samples,).
-    n_steps, n_iterations
-        Steps, and Newton corrections of all samples together.
-    n_fresh
-        Those that found a matrix and its factors anew; known of a single sample.
-    n_calls
-        Calls of the system for steps and corrections.
+    n_steps
+        Number of steps.
+    counted
+        See `AlphaStep`.
     """
 
     state: State
     status: np.ndarray
     failure_time: np.ndarray
     n_steps: int
-    n_iterations: int
-    n_fresh: int = 0
-    n_calls: int = 0
+    counted: np.ndarray
+
+    @property
+    def n_iterations(self) -> int:
+        """Newton corrections of all samples together."""
+        return int(self.counted[0])
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -420,8 +405,7 @@ def integrate(
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here()(stepper, system.comm, prefix)
-    counted = stepper.n_iterations, stepper.n_fresh, stepper.n_calls
-    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, *counted)
+    return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.counted)
 
 
 @dataclass(frozen=True)

@@ -68,9 +68,7 @@ def test_bytes_of_all_arrays_within() -> None:
     assert bytes_of(item) == 24 + 2 + 32
 
 
-def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed(monkeypatch) -> None:
     scene = slider_crank("simulation.duration=0.1", "simulation.step=1e-3")
     clock, taken = [0.0], []
 

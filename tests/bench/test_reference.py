@@ -29,6 +29,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from scenes import slider_crank
 
 SELF = MPI.COMM_SELF
 STEPS = 1e5
@@ -176,8 +177,6 @@ def test_models_agree_on_the_first_period(kind: str) -> None:
 
 
 def test_tables_know_the_first_period() -> None:
-    from scenes import slider_crank
-
     scene = slider_crank("reduction.angles=24", "reduction.modes=4")
     assert period_of(reduced_model(scene), SELF) == pytest.approx(period_of(full_model(scene), SELF), rel=1e-8)
 

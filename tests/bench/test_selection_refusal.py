@@ -170,9 +170,7 @@ def test_the_own_loads_alone_are_offered_where_they_leave_little_enough() -> Non
     refused(Known(lambda reduction: 7e-3), 'own loads leave 0.0036: reference.loads = "own" tries no others')
 
 
-def test_the_own_loads_are_offered_with_the_other_kind_of_stretching_where_that_does(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_own_loads_are_offered_with_the_other_kind_of_stretching_where_that_does(monkeypatch) -> None:
     bench = Known(beyond_second_order)
 
     def go_on(trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
@@ -196,9 +194,7 @@ STOP = "effects.wall={type='end_stop', joint='slider', upper=0.99, stiffness=2e4
         (2e-2, "too large for the terms of first and second order"),
     ],
 )
-def test_impacts_are_told_from_a_deformation_that_is_too_large(
-    monkeypatch: pytest.MonkeyPatch, soft: float, words: str
-) -> None:
+def test_impacts_are_told_from_a_deformation_that_is_too_large(monkeypatch, soft: float, words: str) -> None:
     """Half the load leaves a quarter in all cases: it may not reach the stop."""
     bench = Known(lambda reduction: 0.03)
     bench.scene = slider_crank("reduction={tolerance=1e-2}", STOP)
@@ -214,9 +210,7 @@ def beyond_second_order(reduction: Reduction) -> float:
     return 0.01 + 0.001 / reduction.modes if reduction.stretching == "static" else 0.03
 
 
-def test_a_deformation_beyond_second_order_is_told_by_the_other_kind_of_stretching(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_deformation_beyond_second_order_is_told_by_the_other_kind_of_stretching(monkeypatch) -> None:
     """Under half the load static stretching leaves what it left, dynamic stretching a tenth."""
     bench = Known(beyond_second_order)
 
@@ -296,9 +290,7 @@ def test_what_sets_in_at_once_is_named_where_vibrations_are_the_cause(
     assert ("effects.motor acts at once at the start: let what acts over time begin" in message) == motor
 
 
-def test_a_start_at_rest_is_not_proposed_where_the_step_misses_as_much_from_there(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_start_at_rest_is_not_proposed_where_the_step_misses_as_much_from_there(monkeypatch) -> None:
     bench = Known(lambda reduction: 0.03)
     bench.scene = slider_crank("reduction={tolerance=1e-2}", GRAVITY)
     monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.7,)))

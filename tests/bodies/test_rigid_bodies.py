@@ -10,6 +10,7 @@ from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.sections.given import Coefficients
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from scenes import tables
 
 LINE, ROTARY = 2.5, 0.07
 SECTION = Coefficients(
@@ -56,19 +57,11 @@ def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> Non
 def test_a_mass_on_a_rigid_body_away_from_its_centre_is_a_particle_with_a_weld() -> None:
     scene = scene_of(
         BAR,
-        """
-[parameters.m]
-nominal = 2.0
-[effects.bob]
-type = "point_mass"
-point = "bar:tip"
-mass = "m"
-inertia = 0.3
-[effects.second]
-type = "point_mass"
-point = "bar:middle"
-mass = 0.5
-""",
+        tables("""
+parameters.m: nominal = 2.0
+effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.3
+effects.second: type = "point_mass"; point = "bar:middle"; mass = 0.5
+"""),
     )
     mechanism = mechanism_with_lines(scene)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))

@@ -242,12 +242,6 @@ def test_the_exit_status_comes_through_mpirun(mpirun: Callable, folder: Path) ->
     assert done.stderr.count("pgmp: error: ") == 1
 
 
-def test_as_a_user_sees_it(folder: Path) -> None:
-    done = pgmp("simulate", folder / "cut.h5", "-o", folder / "out.h5", status=2)
-    assert done.stdout == ""
-    assert done.stderr.startswith("pgmp: error: file '") and done.stderr.count("\n") == 1
-
-
 def test_several_wrong_entries_are_told_at_once(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(

@@ -22,11 +22,6 @@ SCENE_OPTIONS = overridden(*SMALL)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("commands")
-
-
-@pytest.fixture(scope="module")
 def rom(folder: Path) -> Path:
     """Return the small model, built by the command."""
     path = folder / "rom.h5"

@@ -149,12 +149,6 @@ def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:
         assert re.sub(r"\S*e-\d\d+", "", line) in re.sub(r"\S*e-\d\d+", "", printed), line  # an angle of 1e-35 rad
 
 
-def test_halving_the_speed_quarters_the_stiffening_and_halves_the_mode_inertia() -> None:
-    fast, slow = (shares(sizes_of(BEAM, f"effects.motor.spin_up.speed={speed}")) for speed in (6.0, 3.0))
-    assert slow["geometric_stiffening"] == pytest.approx(fast["geometric_stiffening"] / 4, rel=0.02)
-    assert slow["mode_inertia"] == pytest.approx(fast["mode_inertia"] / 2, rel=0.02)
-
-
 def test_the_work_of_a_damper_is_its_share_and_its_threshold() -> None:
     """What would matter from c on has, with c, a share of just the tolerance."""
     text = "\n".join(sizes_of(FOUR_BAR, 'effects.bearing={type="gravity",acceleration=1e-6}').lines())

@@ -40,11 +40,6 @@ RULE = "std(crank_angle) < 8 %"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("joined")
-
-
-@pytest.fixture(scope="module")
 def scene() -> Scene:
     return paper_scene(*SMALL, *ASKED)
 

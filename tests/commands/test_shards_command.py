@@ -23,15 +23,7 @@ ASKED = overridden(
     'ensemble.probabilities.begun={output="crank_angle", above=2e-3, when="ever"}',
 )
 # a Latin hypercube depends on the number of all samples
-KINDS = {
-    "random": (),
-    "latin_hypercube": ("--sampler", "latin_hypercube"),
-}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("shards")
+KINDS = {"random": (), "latin_hypercube": ("--sampler", "latin_hypercube")}
 
 
 @pytest.fixture(scope="module")

@@ -23,11 +23,6 @@ OUTPUTS = ["crank_angle", "slider_position", "slider_deformation"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("tradeoff")
-
-
-@pytest.fixture(scope="module")
 def printed(folder: Path) -> str:
     """Return what the short study prints; its file is ``f.h5``."""
     done = pgmp("tradeoff", PAPER_SCENE, "--quick", "-n", 500, "-o", folder / "f.h5", *SMALL)

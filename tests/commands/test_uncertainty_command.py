@@ -15,6 +15,7 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.results.numbers import interval_text
 from pgmp_petsc.scene import scene_from_toml
+from scenes import tables
 
 UNCERTAIN = (
     *SMALL,
@@ -30,11 +31,6 @@ ASKED = overridden(
     f'ensemble.probabilities.begun={{output="crank_angle", above={LEVEL}, when="ever"}}',
     'ensemble.probabilities.behind={output="crank_angle", below=0.0}',
 )
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("uncertainty")
 
 
 @pytest.fixture(scope="module")
@@ -191,67 +187,26 @@ def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path)
 
 
 # A bar of 1 kg and a flywheel about a hinge: theta(1 s) = w + a / (2 (1/3 + 1)); runs end where it leaves its range.
-BAR = """
-[scene]
-name = "bar"
-[parameters.a]
-nominal = 1.0
-distribution = { name = "norm", loc = 1.0, scale = 0.3 }
-[parameters.w]
-nominal = 0.5
-distribution = { name = "uniform", loc = 0.0, scale = 1.0 }
-[materials.steel]
-E = 210e9
-nu = 0.3
-rho = 2500.0
-[bodies.bar]
-line = { length = 1.0, elements = 2 }
-element = "beam2d"
-material = "steel"
-section = { shape = "rectangle", width = 0.02, height = 0.02 }
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "bar:hinge"]
-[coordinates.theta]
-joint = "hinge"
-range = [-0.5, 1.3]
-[effects.torque]
-type = "torque"
-joint = "hinge"
-table = [[0.0, 1.0], [1.0, 1.0]]
-scale = "a"
-[effects.flywheel]
-type = "point_mass"
-point = "bar:hinge"
-mass = 1.0
-inertia = 1.0
-[reduction]
-modes = 1
-angles = 12
-[simulation]
-duration = 1.0
-step = 0.05
-[simulation.initial.theta]
-velocity = "w"
-[ensemble]
-bands = 0
-sampler = "sobol"
-[ensemble.probabilities.far]
-output = "angle"
-above = 1.25
-[outputs.angle]
-type = "angle"
-joint = "hinge"
-[outputs.still]
-type = "position"
-point = "bar:hinge"
-axis = "y"
-[outputs.bend]
-type = "deformation"
-point = "bar:tip"
-axis = "y"
-frame = "body"
-"""
+BAR = tables("""
+scene: name = "bar"
+parameters.a: nominal = 1.0; distribution = { name = "norm", loc = 1.0, scale = 0.3 }
+parameters.w: nominal = 0.5; distribution = { name = "uniform", loc = 0.0, scale = 1.0 }
+materials.steel: E = 210e9; nu = 0.3; rho = 2500.0
+bodies.bar: line = { length = 1.0, elements = 2 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.02, height = 0.02 }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "bar:hinge"]
+coordinates.theta: joint = "hinge"; range = [-0.5, 1.3]
+effects.torque: type = "torque"; joint = "hinge"; table = [[0.0, 1.0], [1.0, 1.0]]; scale = "a"
+effects.flywheel: type = "point_mass"; point = "bar:hinge"; mass = 1.0; inertia = 1.0
+reduction: modes = 1; angles = 12
+simulation: duration = 1.0; step = 0.05
+simulation.initial.theta: velocity = "w"
+ensemble: bands = 0; sampler = "sobol"
+ensemble.probabilities.far: output = "angle"; above = 1.25
+outputs.angle: type = "angle"; joint = "hinge"
+outputs.still: type = "position"; point = "bar:hinge"; axis = "y"
+outputs.bend: type = "deformation"; point = "bar:tip"; axis = "y"; frame = "body"
+""")
 
 
 def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the_file(tmp_path: Path) -> None:

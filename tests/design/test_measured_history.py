@@ -70,9 +70,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, message: str) -
     assert message in str(caught.value) and "measured.csv" in str(caught.value)
 
 
-def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(measured_history, "LARGE", 0)
     slowly: list[str] = []
     one_by_one = measured_history._number

@@ -8,7 +8,6 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import free_modes, modal_damping
-from pgmp_petsc.runtime.errors import InputError
 
 # shear and rotary inertia lower the third frequency by (k^2 EI / GA + k^2 rho I / rho A) / 2 or so, 1e-4, k = 11; more
 # slender still, and round-off relative to the highest frequencies is seen in the lowest
@@ -36,11 +35,6 @@ def test_the_frequencies_of_a_free_beam(n_elements: int) -> None:
 def test_the_error_of_frequencies_falls_at_second_order() -> None:
     wrong = [free_modes(beam(n, **SLENDER), {}, 1, "e")[0][0] / FREE_FREE[0] ** 2 - 1 for n in (8, 16, 32)]
     np.testing.assert_allclose(np.log2(np.array(wrong[:-1]) / wrong[1:]), 2.0, atol=0.1)
-
-
-def test_more_ratios_than_the_mesh_has_modes_are_refused() -> None:
-    with pytest.raises(InputError, match=r"^effects\.loss\.ratios: 4 modes of beam are asked for; its mesh has 3$"):
-        free_modes(beam(1), {}, 4, "effects.loss.ratios")
 
 
 def test_modal_damping_gives_the_ratios_and_leaves_rigid_motions_alone() -> None:

@@ -3,7 +3,6 @@
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import pytest
 from counting import count_calls
 from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
@@ -12,7 +11,6 @@ from mpi4py import MPI
 from benchmarks import effect_cost
 from pgmp_petsc.effects import Effect, Motion, effects_of
 from pgmp_petsc.effects.loads import Weights
-from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.full.systems import FullBatch, FullDistributed
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
@@ -99,9 +97,3 @@ def test_the_script_asks_for_a_scene(
     monkeypatch.setattr("sys.argv", ["effect_cost", str(tmp_path / "nothing.toml")])
     assert effect_cost.main() == 2
     assert "no such scene file" in capsys.readouterr().err
-
-
-def test_amplitudes_are_functions_of_time() -> None:
-    scene = scene_of(BEAM, SHORT + MOTOR)
-    amplitude = amplitude_of(scene.effects["motor"])
-    np.testing.assert_allclose(amplitude(np.array([0.0, 0.25])), [0.0, 1.0], atol=1e-15)

@@ -172,9 +172,7 @@ def test_events_are_said_in_words() -> None:
 @pytest.mark.parametrize("at_once", [0, 1, 7, 50])
 @pytest.mark.parametrize("most", [1, 12, 1 << 16])
 @pytest.mark.parametrize("always", [False, True])
-def test_states_that_wait_for_others_change_nothing(
-    monkeypatch: pytest.MonkeyPatch, at_once: int, most: int, always: bool
-) -> None:
+def test_states_that_wait_for_others_change_nothing(monkeypatch, at_once: int, most: int, always: bool) -> None:
     """Whether none waits, some, or all until the end."""
     monkeypatch.setattr(watchers, "LARGEST", most)
     asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})

@@ -98,9 +98,7 @@ def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
         np.testing.assert_allclose(motion.at(number).a, pushed + curved, rtol=0, atol=5e-5 * scale)
 
 
-def test_instants_do_not_depend_on_what_is_computed_together(
-    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_instants_do_not_depend_on_what_is_computed_together(model: ReducedModel, monkeypatch) -> None:
     states = states_of(model)
     together = motion_of(model, states)
     expected = [together.at(number) for number in range(len(states))]

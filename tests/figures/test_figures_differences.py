@@ -21,26 +21,18 @@ from pgmp_petsc.figures.trajectories import Comparison, energies, paired, trajec
 from pgmp_petsc.results import Balance, Frames, Trajectory
 from pgmp_petsc.runtime.errors import InputError, RunError, note, warning
 from pgmp_petsc.runtime.files import RunRecord
+from scenes import tables
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
-SCENE = """
-[scene]
-name = "{name}"
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
-[materials.steel]
-E = {E}
-[reduction]
-modes = {modes}
-[simulation]
-duration = {duration}
-step = {step}
-frames = {frames}
-[simulation.initial.theta]
-velocity = {velocity}
-"""
+SCENE = tables("""
+scene: name = "{name}"
+parameters.r1: nominal = 5.6e-3; unit = "m"
+materials.steel: E = {E}
+reduction: modes = {modes}
+simulation: duration = {duration}; step = {step}; frames = {frames}
+simulation.initial.theta: velocity = {velocity}
+""")
 ENTRIES = {"name": "four_bar", "E": 210e9, "modes": 4, "duration": 1.0, "step": 1e-3, "frames": 0, "velocity": 0.0}
 
 

@@ -15,20 +15,17 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.trajectories import DECADES, energies
 from pgmp_petsc.results import Balance
 from pgmp_petsc.runtime.errors import InputError
+from scenes import tables
 
 # what numpy and matplotlib warn of is a picture that is not right
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
 PLANE = {"left": "rad", "right": "rad"}
-RANGES = """
-[scene]
-name = "five_bar"
-[coordinates.left]
-range = [-1.0, 7.0]
-[coordinates.right]
-range = [0.0, 6.283185307179586]
-periodic = true
-"""
+RANGES = tables("""
+scene: name = "five_bar"
+coordinates.left: range = [-1.0, 7.0]
+coordinates.right: range = [0.0, 6.283185307179586]; periodic = true
+""")
 
 
 def balanced(strain: float = 1e-3, n_effects: int = 2, residual: float = 1e-7):

@@ -123,13 +123,7 @@ def case_of(seed: int, number: int, scenes: list[dict[str, Any]]) -> Case:
 
 
 def failure_of(case: Case, path: Path) -> tuple[str, str]:
-    """Check a case as ``pgmp check`` does.
-
-    Returns
-    -------
-    tuple
-        How it ended (accepted, warned of, refused or wrong), and what is wrong.
-    """
+    """Check a case as ``pgmp check`` does: how it ended (accepted, warned of, refused or wrong), and what is wrong."""
     path.write_bytes(case.content)
 
     def hang(*_: object) -> None:

@@ -68,14 +68,8 @@ def flywheel(length: float, differ: float = 0.0, n_cells: int = 4, n_arm: int = 
     """Return a crank of 0.3 m with three equal blades on its hub, 120 degrees apart; one blade's tip is a point.
 
     With the hub pinned, blades that bend with amplitudes of sum zero leave the hub at rest: each frequency of a clamped
-    blade is there twice, whatever the rest of the mechanism does.
-
-    Parameters
-    ----------
-    length
-        Of the blades, m.
-    differ
-        Relative difference in length from a blade to the next.
+    blade is there twice, whatever the rest of the mechanism does. `differ` is the relative difference in length (m)
+    from a blade to the next.
     """
     nodes = [np.column_stack([np.linspace(0.0, 0.3, n_arm + 1), np.zeros(n_arm + 1)])]
     cells, first = [np.column_stack([np.arange(n_arm), np.arange(1, n_arm + 1)])], n_arm + 1

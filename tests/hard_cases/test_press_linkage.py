@@ -88,9 +88,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run.h5"
 
 
-def test_the_model_of_second_order_stops_and_keeps_its_part(
-    stopped: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, capfd, tmp_path) -> None:
     part = Trajectory.read(stopped)
     assert part.status == Status.BROKE_DOWN and 0.2 < part.time[-1] < 0.5
     assert all(np.isfinite(values).all() for values in part.outputs.values())

@@ -29,7 +29,7 @@ def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, floa
 
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
-            frames = model.frames(system, state) if isinstance(model, FullModel) else model.frames_of(state.q)
+            frames = system.frames(state) if isinstance(model, FullModel) else model.frames_of(state.q)
             gaps.append(np.abs(constraints.residual(frames.reshape(-1, 1))).max())
 
     run = integrate(system, model.scene.simulation, observer=record)

@@ -138,9 +138,7 @@ def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path, capfd: pyt
     assert "left the range" in said and found.why_stopped in said
 
 
-def test_nothing_is_compared_with_a_reference_that_did_no_step(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_compared_with_a_reference_that_did_no_step(tmp_path, capfd: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "job"
     ends_with(1, "run", HERE / "massless_all.toml", "-n", "2", "-o", folder)
     said = capfd.readouterr()
@@ -153,12 +151,15 @@ def test_nothing_is_compared_with_a_reference_that_did_no_step(
 
 
 def test_what_nobody_estimated_does_not_decide(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The better run stops after some ms, errors are not estimated, and the bending is round-off of the linkage's lengths."""
+    """The better run stops, errors are not estimated, and the bending is round-off of the linkage's lengths.
+
+    Where it stops is a matter of round-off too: with a load that is 1e-9 larger anywhere between 0.5 and 5 ms.
+    """
     ends_with(1, "run", HERE / "damp_huge.toml", "-n", "8", "-o", tmp_path)
     said = capfd.readouterr().out
     assert "is not decided by this model: its error is not known" in said and "P(" in said and " = 0 %" not in said
     compared = next(line for line in said.splitlines() if "differs from full order" in line)
-    assert "coupler_bending" not in compared and "compared over the first 0.0025 s" in compared
+    assert "coupler_bending" not in compared and "compared over the first 0.00" in compared
 
 
 def ends_with(status: int, *words: object) -> None:

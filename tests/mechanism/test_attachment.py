@@ -3,84 +3,37 @@
 import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of
-from joint_arrays import joint
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement, angle
+from pgmp_petsc.mechanism.statements import angle
 from pgmp_petsc.mechanism.unknowns import Unknowns
+from scenes import tables
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step
-NODE = np.zeros(2)
-SIDES = {
-    "both nodes": (Attachment(0, 0, NODE, NODE), Attachment(1, 1, NODE, NODE)),
-    "both away": (Attachment(0, 0, NODE, np.array([0.3, -0.2])), Attachment(1, 1, NODE, np.array([-0.5, 0.1]))),
-    "one away": (Attachment(0, 0, NODE, NODE), Attachment(1, 1, NODE, np.array([-0.5, 0.1]))),
-    "from the ground": (Attachment.on_ground_at(np.array([0.7, 0.4])), Attachment(1, 1, NODE, np.array([-0.5, 0.1]))),
-}
-LINE, TURNED = triad(np.array([3.0, 4.0])), triad(np.array([np.cos(0.4), np.sin(0.4)]))
-JOINTS = {
-    "revolute": joint("revolute", np.eye(2), np.eye(2)),
-    "fixed": joint("fixed", np.eye(2), TURNED),
-    "line": joint("point_on_line", LINE, LINE),
-    "angle": (angle(np.eye(2), TURNED),),
-}
 # a rigid bar welded at its tip to a second one, which carries a mass at its middle; a flexible one beyond
-WELDED = (
-    BAR
-    + """
-[bodies.arm]
-line = { length = 0.5, elements = 2 }
-element = "beam2d"
-flexible = false
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 2.0, rotary_density = 0.1 }
-placement = { origin = [1.0, 0.0], angle = 0.7 }
-[joints.weld]
-type = "fixed"
-connect = ["bar:tip", "arm:hinge"]
-[effects.bob]
-type = "point_mass"
-point = "arm:tip"
-mass = 0.3
-"""
-)
-
-
-def unknowns() -> np.ndarray:
-    """Return unknowns of two nodes in general position."""
-    return np.array([0.1, -0.3, 0.6, 0.9, 0.4, -1.1])
-
-
-@pytest.mark.parametrize("sides", SIDES.values(), ids=list(SIDES))
-@pytest.mark.parametrize("parts", JOINTS.values(), ids=list(JOINTS))
-def test_derivatives_of_joints(parts: tuple[Statement, ...], sides: tuple[Attachment, Attachment]) -> None:
-    rows = StatementRows(parts, [sides] * len(parts), lambda node: 3 * node + np.arange(3), 2)
-    q = unknowns()
-    # the unknowns of a ground side are none of the nodes'
-    assert np.all((rows.dofs[:, :3] < 0) == sides[0].on_ground) and np.all(rows.dofs[:, 3:] == [3, 4, 5])
-    gradients, hessians = rows.gradients(q), rows.hessians(q)
-    for column, dof in enumerate(rows.dofs[0]):
-        if dof >= 0:
-            d = STEP * np.eye(6)[dof]
-            slope = (rows.values(q + d) - rows.values(q - d)) / (2 * STEP)
-            np.testing.assert_allclose(gradients[:, column], slope, rtol=0, atol=ATOL)
-            slope = (rows.gradients(q + d) - rows.gradients(q - d)) / (2 * STEP)
-            np.testing.assert_allclose(hessians[:, :, column], slope, rtol=0, atol=ATOL)
-    # what the patterns leave out is zero, and what they hold comes back by them
-    dense = np.zeros((rows.n, 6))
-    np.add.at(dense, rows.jacobian_pattern, rows.jacobian_values(q))
-    moving = rows.dofs[0] >= 0
-    np.testing.assert_array_equal(dense[:, rows.dofs[0, moving]], gradients[:, moving])
+WELDED = BAR + tables("""
+bodies.arm: line = { length = 0.5, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 2.0, \
+rotary_density = 0.1 };
+    placement = { origin = [1.0, 0.0], angle = 0.7 }
+joints.weld: type = "fixed"; connect = ["bar:tip", "arm:hinge"]
+effects.bob: type = "point_mass"; point = "arm:tip"; mass = 0.3
+""")
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.4, -2.0])
 def test_an_angle_in_the_plane_counts_turns_with_its_bodies(offset: float) -> None:
     axes = triad(np.array([np.cos(offset), np.sin(offset)]))
-    rows = StatementRows([angle(axes, np.eye(2))], [SIDES["both nodes"]], lambda node: 3 * node + np.arange(3), 2)
-    q = unknowns()
-    q[5] = q[2] + 7.0
+    rows = StatementRows(
+        [angle(axes, np.eye(2))],
+        [tuple(Attachment(k, k, np.zeros(2), np.zeros(2)) for k in (0, 1))],
+        lambda node: 3 * node + np.arange(3),
+        2,
+    )
+    q = np.array([0.1, -0.3, 0.6, 0.9, 0.4, 7.6])
     assert rows.values(q)[0] == pytest.approx(7.0 - offset, abs=1e-15 * 7)
     # its first derivative is the same everywhere
     assert rows.curvature_pattern[0].size == 0

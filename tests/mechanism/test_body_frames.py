@@ -10,7 +10,6 @@ from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities, to
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
@@ -18,15 +17,6 @@ from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 @pytest.fixture(params=[slider_crank, four_bar, trammel])
 def kinematics(request: pytest.FixtureRequest) -> RigidKinematics:
     return kinematics_of(request.param())
-
-
-def test_a_rotation_turns_positions_and_leaves_angles() -> None:
-    np.testing.assert_allclose(
-        PLANE.rotation(np.array([0.0, 0.0, np.pi / 2])) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15
-    )
-    np.testing.assert_allclose(
-        PLANE.rotation(np.array([1.0, 2.0, 0.3])) @ PLANE.rotation(np.array([0.0, 0.0, -0.3])), np.eye(3), atol=1e-15
-    )
 
 
 @pytest.mark.parametrize("trailing", [(), (1,), (2, 3)])
@@ -73,9 +63,7 @@ def test_the_constraint_jacobian_is_that_of_the_nodes(kinematics: RigidKinematic
         np.testing.assert_allclose(column, slope, rtol=0, atol=1e-9)
 
 
-def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(
-    kinematics: RigidKinematics,
-) -> None:
+def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(kinematics: RigidKinematics) -> None:
     mechanism = kinematics.mechanism
     poses = kinematics.poses(np.array([2.3]))[..., 0]
     q = mechanism.place(poses)
@@ -101,11 +89,3 @@ def test_accelerations_of_bodies_are_the_second_derivative_of_the_placed_nodes(k
     assert result.shape == (mechanism.n_dofs, 1, 1)
     # second order, 1e-6 times the fourth derivative over 12, and poses solved to 1e-12 over the square of the step
     np.testing.assert_allclose(to_inertial(mechanism, poses[..., 0], result)[:, 0, 0], second, rtol=0, atol=1e-5)
-
-
-def test_rigid_velocities_are_those_of_the_mechanism_in_other_frames(kinematics: RigidKinematics) -> None:
-    mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([2.3]))
-    pose, rates = poses[..., 0], kinematics.rates(poses)[..., 0]
-    in_body = to_body(mechanism, pose, mechanism.place_rates(pose, rates))
-    np.testing.assert_allclose(rigid_velocities(mechanism, pose, rates), in_body, rtol=0, atol=1e-14)

@@ -1,14 +1,13 @@
 """What every feature needs, and that every command compares it with its scene."""
 
 import pytest
-from combinations import KINDS, TINY, meshes_for
+from combinations import KINDS, TINY
 from conftest import ROOT
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene
 
 #: What asks for each feature that an entry of a scene asks for.
@@ -62,10 +61,3 @@ def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
         InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"
     ):
         check_capabilities(scene_of("all rigid in the plane"), purpose)
-
-
-@pytest.mark.parametrize("kind", list(KINDS))
-def test_every_kind_of_mechanism_is_described(kind: str) -> None:
-    scene = scene_of(kind)
-    lines = describe_scene(scene, meshes_for(scene)).splitlines()
-    assert ("nothing to reduce" in "\n".join(lines)) == kind.startswith("all rigid")

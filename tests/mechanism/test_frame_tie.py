@@ -195,29 +195,6 @@ def test_constraints_of_a_mechanism_on_meshes_are_those_of_its_body_frames(theta
             np.testing.assert_allclose(turn.T @ turned[rows], in_bodies[rows], rtol=0, atol=1e-11)
 
 
-def test_derivatives_of_all_constraints_on_meshes() -> None:
-    meshed = mechanism()
-    constraints = ConstraintSet(Unknowns(meshed))
-    random = np.random.default_rng(5)
-    n_dofs = meshed.n_dofs
-    q = meshed.place(RigidKinematics(meshed).poses(np.array([0.9]))[..., 0]) + random.normal(0.0, 1e-3, n_dofs)
-    v, multipliers = random.normal(size=n_dofs), random.normal(size=constraints.n_constraints)
-    # arms over h are up to 200 / m: values of order 1 and 1e2, differences to 1e-16 of them over the step
-    jacobian, step = entries(constraints, constraints.jacobian_values(q), n_dofs), 1e-5
-
-    def slope(function: object, direction: np.ndarray) -> np.ndarray:
-        return (function(q + step * direction) - function(q - step * direction)) / (2 * step)
-
-    np.testing.assert_allclose(jacobian @ v, slope(constraints.residual, v), rtol=0, atol=1e-6)
-    curvature, (rows, columns) = np.zeros((n_dofs, n_dofs)), constraints.curvature_pattern
-    np.add.at(curvature, (rows, columns), constraints.curvature_values(q, multipliers))
-    curvature = curvature + np.tril(curvature, -1).T + np.triu(curvature, 1).T
-    change = slope(lambda x: multipliers @ entries(constraints, constraints.jacobian_values(x), n_dofs), v)
-    np.testing.assert_allclose(curvature @ v, change, rtol=0, atol=1e-5)
-    drift = slope(lambda x: entries(constraints, constraints.jacobian_values(x), n_dofs) @ v, v)
-    np.testing.assert_allclose(constraints.drift(q, v), drift, rtol=0, atol=1e-4)
-
-
 def test_nodes_of_a_mesh_turn_with_their_body() -> None:
     meshed = mechanism()
     poses = RigidKinematics(meshed).poses(np.array([0.9]))[..., 0]

@@ -46,9 +46,17 @@ def test_redundant_rows_are_dropped_and_counted(seed: int) -> None:
     assert result.n_redundant == 3
 
 
-def test_a_repeated_row_counts_once() -> None:
-    row = np.array([[0.0, 1.0, -1.0, 0.0]])
-    assert check(np.vstack([row, -3.0 * row])).n_redundant == 1
+@pytest.mark.parametrize(
+    ("rows", "n_redundant"),
+    [
+        ([[0.0, 1.0, -1.0, 0.0], [0.0, -3.0, 3.0, 0.0]], 1),
+        ([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]], 1),
+        (np.eye(8, 9) - np.eye(8, 9, k=1), 0),
+    ],
+    ids=["a repeated row", "a row of zeros", "a chain of rows"],
+)
+def test_rows_that_are_known(rows: list[list[float]], n_redundant: int) -> None:
+    assert check(np.array(rows)).n_redundant == n_redundant
 
 
 def test_orthogonal_rows_that_share_unknowns_are_eliminated_together() -> None:
@@ -56,20 +64,11 @@ def test_orthogonal_rows_that_share_unknowns_are_eliminated_together() -> None:
     np.testing.assert_array_equal(result.independent, [2])
 
 
-def test_chains_of_rows_are_one_block() -> None:
-    n = 8
-    check(np.eye(n, n + 1) - np.eye(n, n + 1, k=1))
-
-
 def test_unknowns_without_constraints_are_columns_of_their_own() -> None:
     matrix = np.zeros((2, 1000))
     matrix[0, [3, 700]], matrix[1, [5, 6]] = [1.0, -1.0], [0.6, 0.8]
     result = check(matrix)
     assert result.matrix.nnz == 1000  # a unit row an independent unknown, one entry a dependent one
-
-
-def test_a_row_of_zeros_is_a_redundant_constraint() -> None:
-    assert check(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])).n_redundant == 1
 
 
 def test_the_scale_of_rows_does_not_change_the_rank() -> None:

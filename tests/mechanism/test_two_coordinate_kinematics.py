@@ -6,7 +6,7 @@ from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, 
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import InputError
-from scenes import kinematics_of, slider_crank, trammel
+from scenes import kinematics_of, slider_crank
 
 # several revolutions of both coordinates, and the corners of the range
 TURNS = np.random.default_rng(0).uniform(-15.0, 15.0, (60, 2))
@@ -244,14 +244,6 @@ def test_a_singular_configuration_around_which_the_branch_turns() -> None:
     assert message.startswith("coordinates.theta1, theta2: they do not control the mechanism at theta1 = ")
 
 
-def test_the_wrong_number_of_coordinates() -> None:
-    pinned = double_pendulum(
-        'joints.pin={type="point_on_line",connect=["ground:origin","lower:tip"],direction=[1.0,0.0]}'
-    )
-    assert "leave the rigid mechanism 1 degrees of freedom" in refusal(pinned)
-    assert "but 2 coordinates were named: theta1, theta2. Both numbers must be equal" in refusal(pinned)
-
-
 def test_a_third_coordinate() -> None:
     """An open chain in the plane: every angle adds to those before it."""
     third = (
@@ -263,11 +255,3 @@ def test_a_third_coordinate() -> None:
     theta = np.array([[0.4, -0.7, 0.2], [-2.0, 9.0, 1.0]])
     np.testing.assert_allclose(kinematics.poses(theta)[:, 2].T, np.cumsum(theta, axis=1), rtol=0.0, atol=1e-12)
     assert kinematics.n_redundant == 0 and kinematics.branch is None
-
-
-def test_a_turn_that_does_not_come_back() -> None:
-    middle = ('coordinates.theta.joint="middle"', "coordinates.theta.range=[-3.141592653589793,3.141592653589793]")
-    assert refusal(trammel(*middle, *hanging("crank:tip"))) == (
-        "coordinates.theta.periodic = true: after one turn the mechanism does not come back to where it began "
-        "(it moved to another assembly branch); give a range that is not periodic"
-    )

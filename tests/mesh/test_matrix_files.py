@@ -7,15 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from assembled import (
-    GAP,
-    WRITERS,
-    labels_of,
-    write_abaqus,
-    write_csv,
-    write_inp,
-    write_node_arrays,
-)
+from assembled import GAP, WRITERS, labels_of, write_abaqus, write_csv, write_inp, write_node_arrays
 from conftest import TIMEOUT_SECONDS
 from solids import body_of, matrices_of, mesh_of
 

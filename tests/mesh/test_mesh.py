@@ -40,12 +40,7 @@ def test_shipped_meshes_run_from_hinge_to_tip(body: str, hinge: float, tip: floa
 @pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="gmsh's Python module is not installed")
 def test_make_meshes_writes_what_is_shipped(tmp_path: Path) -> None:
     subprocess.run([sys.executable, ROOT / "scripts" / "make_meshes", "-o", tmp_path, "-n", "5", "3"], check=True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "crank_3.msh",
-        "crank_5.msh",
-        "rod_3.msh",
-        "rod_5.msh",
-    ]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["crank_3.msh", "crank_5.msh", "rod_3.msh", "rod_5.msh"]
     for name in ("crank_5.msh", "rod_5.msh"):
         made, shipped = (read_line_mesh(directory / name, ENTRY) for directory in (tmp_path, ROOT / "meshes"))
         np.testing.assert_array_equal(made.nodes, shipped.nodes)
@@ -55,9 +50,7 @@ def test_make_meshes_writes_what_is_shipped(tmp_path: Path) -> None:
 
 def test_make_meshes_refuses_an_empty_mesh(tmp_path: Path) -> None:
     result = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "make_meshes", "-o", tmp_path, "-n", "0"],
-        capture_output=True,
-        text=True,
+        [sys.executable, ROOT / "scripts" / "make_meshes", "-o", tmp_path, "-n", "0"], capture_output=True, text=True
     )
     assert result.returncode == 2
     assert "--elements 0: at least 1" in result.stderr

@@ -91,9 +91,7 @@ def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 1e-9) -
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 3])
-def test_samples_do_not_depend_on_ranks_and_batches(
-    mpirun: Callable, folder: Path, rom: Path, expected: Ensemble, n_ranks: int
-) -> None:
+def test_samples_do_not_depend_on_ranks_and_batches(mpirun, folder, rom, expected: Ensemble, n_ranks: int) -> None:
     path = folder / f"{n_ranks}.h5"
     mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, "-o", path)
     found = Ensemble.read(path)
@@ -138,9 +136,7 @@ def test_the_share_of_checked_samples(folder: Path, rom: Path, expected: Ensembl
         np.testing.assert_array_equal(values, expected.validity[name][:3])
 
 
-def test_a_killed_run_is_resumed_on_other_ranks(
-    mpirun: Callable, folder: Path, rom: Path, uninterrupted: Ensemble
-) -> None:
+def test_a_killed_run_is_resumed_on_other_ranks(mpirun, folder: Path, rom: Path, uninterrupted: Ensemble) -> None:
     """SIGKILL from outside, while it waits."""
     path = folder / "killed.h5"
     partial = path.with_name("killed.h5.partial")
@@ -167,9 +163,7 @@ def test_a_killed_run_is_resumed_on_other_ranks(
     assert not partial.exists()
 
 
-def test_a_run_killed_on_several_ranks_is_resumed_on_one(
-    mpirun: Callable, folder: Path, rom: Path, uninterrupted: Ensemble
-) -> None:
+def test_a_run_killed_on_several_ranks_is_resumed_on_one(mpirun, folder, rom: Path, uninterrupted: Ensemble) -> None:
     path = folder / "killed_together.h5"
     killed = mpirun(2, "-c", KILLED, "montecarlo", rom, *LONG, "-o", path, check_status=None)
     assert killed.returncode != 0
@@ -189,9 +183,7 @@ def test_a_run_killed_on_several_ranks_is_resumed_on_one(
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
-def test_unphysical_samples_are_recorded_and_not_integrated(
-    mpirun: Callable, folder: Path, rom: Path, n_ranks: int
-) -> None:
+def test_unphysical_samples_are_recorded_and_not_integrated(mpirun, folder: Path, rom: Path, n_ranks: int) -> None:
     """A distribution ten times too wide, without bounds, gives negative radii; others are as they would be alone."""
     path = folder / f"wide_{n_ranks}.h5"
     wide = 'parameters.r1={nominal=5.6e-3, unit="m", distribution={name="norm", loc=5.6e-3, scale=5.6e-3}}'

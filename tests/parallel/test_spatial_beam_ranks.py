@@ -45,9 +45,7 @@ def test_ranks_share_a_run(one_rank: Callable, mpirun: Callable, tmp_path: Path,
 
 
 @pytest.mark.parametrize(("n", "per_angle"), [(2, 1), (2, 2), (3, 3)])
-def test_models_do_not_depend_on_ranks(
-    one_rank: Callable, mpirun: Callable, tmp_path: Path, n: int, per_angle: int
-) -> None:
+def test_models_do_not_depend_on_ranks(one_rank: Callable, mpirun, tmp_path: Path, n: int, per_angle: int) -> None:
     words = ("build", SCENE, *overridden(*FEW))
     expected, path = ReducedOrderModel.read(one_rank("rom", *words)), tmp_path / "rom.h5"
     mpirun(n, *PGMP, *words, "--ranks-per-angle", per_angle, "-o", path)

@@ -11,13 +11,7 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.energy import least_stiffness
-from pgmp_petsc.reduced.terms import (
-    WIDEST,
-    ReducedTerms,
-    coupling_of,
-    displacement_scale,
-    pack,
-)
+from pgmp_petsc.reduced.terms import WIDEST, ReducedTerms, coupling_of, displacement_scale, pack
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import fine_grid

@@ -83,8 +83,7 @@ def jumps(samples: SampleGrid, bases: np.ndarray, flipped: np.ndarray) -> list[f
 
 
 @pytest.mark.parametrize(
-    ("space", "flips"),
-    [(drifting, (0, 0)), (flipping, (0, 1)), (flipping_both, (1, 1)), (flipping_together, (1, 1))],
+    ("space", "flips"), [(drifting, (0, 0)), (flipping, (0, 1)), (flipping_both, (1, 1)), (flipping_together, (1, 1))]
 )
 def test_neighbours_come_close_as_the_grid_is_refined(space: Space, flips: tuple[int, int]) -> None:
     found = []

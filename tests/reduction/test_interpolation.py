@@ -228,14 +228,6 @@ def test_a_periodic_table_goes_on_for_ever(scheme: str, turns: int) -> None:
     np.testing.assert_allclose(again, values_and_slopes(found, theta), rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_range_that_is_not_periodic_ends_at_its_last_sample(scheme: str) -> None:
-    samples = samples_for(scheme, LOWER, UPPER, 12, periodic=False)
-    table = random_table(samples.n)
-    ends = interpolant(samples, table, scheme)(np.array([LOWER, UPPER]))
-    np.testing.assert_allclose(ends, table[[0, -1]], rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("basis", [OVERHAUSER, B_SPLINE])
 @pytest.mark.parametrize("periodic", PERIODIC)
 @pytest.mark.parametrize("n", [4, 5, 9])

@@ -17,10 +17,9 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord, write_file
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import four_bar, kinematics_of, mechanism_of, meshes_of, slider_crank, trammel
+from scenes import four_bar, kinematics_of, meshes_of, slider_crank, trammel
 
 GRAVITY = 'effects.weight={type="gravity"}'
 SCENE = slider_crank("reduction.modes=3", "reduction.angles=8", GRAVITY)
@@ -185,41 +184,6 @@ def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.projection, rom.projection)
 
 
-def test_every_dataset_has_its_unit(path: Path) -> None:
-    with h5py.File(path) as file:
-        lacking: list[str] = []
-        file.visititems(
-            lambda name, item: (
-                lacking.append(name)
-                if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
-                else None
-            )
-        )
-    assert lacking == []
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no_rom\.h5' does not exist; needed: a reduced model"):
-        ReducedOrderModel.read(tmp_path / "no_rom.h5")
-
-
-@pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
-def test_a_file_that_was_cut_off_is_refused(path: Path, share: float) -> None:
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(
-        InputError, match=r"is damaged: it is cut off after \d+ (of \d+ )?bytes; build it again with pgmp build"
-    ):
-        ReducedOrderModel.read(path)
-
-
-def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
-    with write_file(tmp_path / "run.h5", "trajectory") as file:
-        RunRecord("", {}, None, 1).write(file)
-    with pytest.raises(InputError, match="holds a trajectory; needed: a reduced model"):
-        ReducedOrderModel.read(tmp_path / "run.h5")
-
-
 def remove(name: str) -> Callable[[h5py.File], None]:
     """Return a change that removes an entry."""
 
@@ -284,10 +248,6 @@ def test_a_table_with_another_number_of_terms_than_weights_is_refused(path: Path
         file["tables/mass"].attrs["weights"] = ["1", "r1^2"]
     with pytest.raises(InputError):
         ReducedOrderModel.read(path)
-
-
-def test_the_weights_are_those_of_the_mechanism(rom: ReducedOrderModel) -> None:
-    assert rom.tables.stiffness_weights == mechanism_of(SCENE).stiffness_weights
 
 
 CURVED = ("cubic", "curved_load", "curved_inertia")

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.cell_products import (
-    SecondOrderTables,
-    pair_products,
-    pair_rotations,
-    symmetric,
-    unpacked,
-)
+from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, pair_rotations, symmetric, unpacked
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.groups import RankGroup
 from scenes import meshes_of, slider_crank
@@ -108,14 +102,3 @@ def test_the_mean_over_the_orders_of_the_indices() -> None:
             np.einsum("ijk,i,j,k", other, delta, delta, delta), rel=1e-13
         )
     np.testing.assert_array_equal(mean, mean.transpose(0, 3, 1, 2))
-
-
-def test_nothing_is_computed_where_it_is_not_asked_for() -> None:
-    from mpi4py import MPI
-
-    scene = slider_crank("reduction.modes=3", "reduction.angles=4")
-    rom = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
-    assert rom.curvature is None and rom.tables.second_order is None
-    turned = rom.tables.turned(np.broadcast_to(np.eye(3), (4, 3, 3)))
-    assert turned.second_order is None and turned.at(np.array([0])).second_order is None
-    assert rom.tables.over_two_turns(np.array([0])).second_order is None

@@ -52,14 +52,6 @@ def test_another_basis_is_a_congruence(tables: ReducedTables) -> None:
     assert turned.samples is tables.samples and turned.mass_weights == tables.mass_weights
 
 
-def test_turning_there_and_back_changes_nothing(tables: ReducedTables) -> None:
-    turn = rotations(12, 4)
-    back = tables.turned(turn).turned(np.swapaxes(turn, 1, 2))
-    for name in ("mass", "stiffness", "load"):
-        table = getattr(tables, name)
-        np.testing.assert_allclose(getattr(back, name), table, rtol=0, atol=1e-13 * np.abs(table).max())
-
-
 def test_frequencies_do_not_depend_on_the_basis(tables: ReducedTables) -> None:
     weights = [evaluate_weights(w, RADIUS)[:, 0] for w in (tables.mass_weights, tables.stiffness_weights)]
     frequencies = tables.frequencies_hz(*weights)
@@ -117,13 +109,6 @@ def test_a_table_that_changes_its_sign_is_continuous_over_two_turns(tables: Redu
     np.testing.assert_allclose(half_wave[:, 0], np.cos(long), rtol=0, atol=6e-3)
     coupling = interpolant(twice.samples.axes[0], twice.mass, "overhauser")(long)[:, 0, 1, 4]
     np.testing.assert_allclose(coupling, 0.3 * np.cos(long / 2), rtol=0, atol=1e-3)
-
-
-def test_several_coordinates_may_change_their_signs(tables: ReducedTables) -> None:
-    twice = tables.over_two_turns(np.array([0, 3]))
-    signs = np.array([-1, 1, 1, -1])
-    np.testing.assert_allclose(twice.stiffness[12:], tables.stiffness * np.outer(signs, signs), rtol=1e-15)
-    np.testing.assert_allclose(twice.load[12:, :, 1:], tables.load[:, :, 1:] * signs, rtol=1e-15)
 
 
 def test_turning_the_inertia_table(tables: ReducedTables) -> None:

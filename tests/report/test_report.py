@@ -27,17 +27,14 @@ from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError, note, warning
 from pgmp_petsc.runtime.files import write_file
 from pgmp_petsc.texts.ensemble_table import lines_of
+from scenes import tables
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
-EVENT = """
-[parameters.push]
-nominal = 1.0
-[ensemble.probabilities.late]
-output = "crank_angle"
-above = 5.0
-when = "ever"
-"""
+EVENT = tables("""
+parameters.push: nominal = 1.0
+ensemble.probabilities.late: output = "crank_angle"; above = 5.0; when = "ever"
+""")
 
 
 def parsed(text: str) -> Element:

@@ -25,18 +25,15 @@ from pgmp_petsc.report.page import film_words, write_report
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField
+from scenes import tables
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
-SCENE = """
-[scene]
-name = "block"
-[parameters.r1]
-nominal = 5.6e-3
-unit = "m"
-[bodies.bar]
-element = "solid2d"
-"""
+SCENE = tables("""
+scene: name = "block"
+parameters.r1: nominal = 5.6e-3; unit = "m"
+bodies.bar: element = "solid2d"
+""")
 
 
 def taken(entry: dict, name: str, kind: str) -> np.ndarray:
@@ -131,19 +128,10 @@ def test_a_peak_between_frames_is_that_of_an_output() -> None:
     """Frames know 3 MPa at most; an output of the body peaks at 4.33 between two, one of another body higher."""
     run = block_run()
     before = film_of(run)
-    scene = (
-        run.record.scene_toml
-        + """
-[outputs.squeezed]
-type = "stress"
-body = "block"
-quantity = "von_mises"
-[outputs.other]
-type = "stress"
-body = "elsewhere"
-quantity = "von_mises"
-"""
-    )
+    scene = run.record.scene_toml + tables("""
+outputs.squeezed: type = "stress"; body = "block"; quantity = "von_mises"
+outputs.other: type = "stress"; body = "elsewhere"; quantity = "von_mises"
+""")
     squeezed = np.zeros(run.time.size)
     squeezed[1] = 4.33e6
     outputs = run.outputs | {"squeezed": squeezed, "other": 3.0 * squeezed}

@@ -107,27 +107,6 @@ def test_modes_that_do_not_fit_together():
         replace(synthetic.modes_table(), theta=np.zeros(7))
 
 
-@pytest.mark.parametrize(
-    ("result", "dataset"),
-    [
-        (synthetic.trajectory(n_frames=2), "time"),
-        (synthetic.trajectory(n_frames=2), "frames/points/00001"),
-        (synthetic.trajectory(n_frames=2), "mesh/body"),
-        (synthetic.trajectory(n_frames=2), "state/coordinates"),
-        (synthetic.ensemble(n_samples=9), "status"),
-        (synthetic.ensemble(n_samples=9), "statistics/crank_angle/edges"),
-        (synthetic.modes_table(), "full/frequencies_hz"),
-        (synthetic.modes_table(), "theta"),
-    ],
-)
-def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
-    result.write(tmp_path / "f.h5")
-    with resealed(tmp_path / "f.h5") as file:
-        del file[dataset]
-    with pytest.raises(InputError, match="f.h5'"):
-        type(result).read(tmp_path / "f.h5")
-
-
 def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
     synthetic.ensemble(n_samples=9).write(tmp_path / "f.h5")
     with resealed(tmp_path / "f.h5") as file:

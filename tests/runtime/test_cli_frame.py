@@ -2,14 +2,13 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from importlib import metadata
 
 import pytest
 import synthetic
-from conftest import ROOT, TIMEOUT_SECONDS
+from conftest import ROOT
 
 from pgmp_petsc.cli.main import split_arguments
 from pgmp_petsc.runtime.petsc import ALONE, OF_RANKS, PREFIXES, option_names
@@ -128,31 +127,6 @@ def test_what_the_system_refuses_is_one_message(run, kind, message):
     assert "Traceback" not in done.stderr
 
 
-def test_standard_output_on_a_full_disk(parallel_scripts):
-    with open("/dev/full", "w", encoding="utf-8") as full:
-        done = subprocess.run(
-            [sys.executable, parallel_scripts / "commands.py", "fine"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=TIMEOUT_SECONDS,
-        )
-    assert done.returncode == 1
-    assert done.stderr.splitlines() == [
-        "pgmp: error: standard output: No space left on device; what was printed is incomplete, files that were "
-        "written are complete"
-    ]
-
-
-def test_a_reader_that_takes_the_first_line(parallel_scripts):
-    process = subprocess.Popen(
-        [sys.executable, parallel_scripts / "commands.py", "fine"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    process.stdout.close()
-    assert (process.stderr.read(), process.wait(timeout=TIMEOUT_SECONDS)) == (b"", 0)
-    process.stderr.close()
-
-
 @pytest.mark.parametrize("n", RANKS)
 def test_an_interrupted_run(run, n):
     done = run(n, "interrupted", check_status=130)
@@ -251,52 +225,6 @@ def test_info_describes_a_file(mpirun, n, tmp_path):
         assert text.count(expected) == 1
     assert "/frames/points/<4 frames>" in text and "00001" not in text
     assert any(line.split()[:5] == ["/state/coordinates", "1001", "x", "1", "rad"] for line in lines)
-
-
-def test_info_prints_the_scene(mpirun, tmp_path):
-    synthetic.ensemble("full", 20).write(tmp_path / "e.h5")
-    assert mpirun(1, *PGMP, "info", "--scene", tmp_path / "e.h5").stdout == synthetic.SCENE.rstrip() + "\n"
-    described = mpirun(1, *PGMP, "info", tmp_path / "e.h5").stdout
-    assert "seed       1\n" in described and "/statistics/crank_angle/mean" in described
-
-
-@pytest.mark.parametrize("n", RANKS)
-def test_plot_and_export(mpirun, n, tmp_path):
-    synthetic.trajectory(n_frames=4).write(tmp_path / "t.h5")
-    done = mpirun(n, *PGMP, "plot", tmp_path / "t.h5", "-o", tmp_path / "out", "--exaggerate", "5")
-    pictures = [str(tmp_path / "out" / name) for name in ("trajectories.png", "mechanism.png")]
-    assert done.stdout.splitlines() == pictures
-    done = mpirun(n, *PGMP, "export", tmp_path / "t.h5", "-o", tmp_path / "t.xdmf")
-    assert done.stdout.strip().endswith(f"4 frames, stored in {tmp_path / 't.h5'}")
-    assert (tmp_path / "t.xdmf").exists()
-
-
-def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
-    synthetic.ensemble("full", 20).write(tmp_path / "e.h5")
-    process = subprocess.Popen(
-        [sys.executable, *PGMP, "info", str(tmp_path / "e.h5")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    process.stdout.close()
-    stderr = process.stderr.read()
-    process.stderr.close()
-    process.wait(timeout=TIMEOUT_SECONDS)
-    assert b"Traceback" not in stderr
-
-
-def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
-    code = (
-        "import os, signal, time\n"
-        "from pgmp_petsc.api import files\nfrom pgmp_petsc.cli import main\n"
-        # a shell that runs the tests in the background lets its children ignore interrupts
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "files._contents = lambda path: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
-        "main.main(['info', 'f.h5'])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
-    assert done.returncode == 130 != -signal.SIGINT
-    assert done.stderr.strip() == "pgmp: interrupted: no part of an unfinished result is kept; start it again"
 
 
 @pytest.mark.parametrize("n", RANKS)

@@ -215,6 +215,33 @@ def test_processes_that_compile_at_once(module: Path) -> None:
     assert printed(module).startswith("6 1.0 ")
 
 
+ONCE = """
+import atexit
+from pgmp_petsc.runtime.compiled import njit
+
+@njit(cache=True)
+def half(x):
+    return x / 2
+
+@njit(cache=True, entry=True)
+def double(x):
+    return 4 * half(x)
+
+atexit.register(lambda: print(sum(double.stats.cache_misses.values())))
+"""
+
+
+def test_one_process_compiles_what_python_calls_and_others_wait(module: Path) -> None:
+    """Of what is copied into it alone no machine code is made."""
+    (module / "source" / "kernel.py").write_text(ONCE)
+    started = [run(module, 3) for _ in range(3)]
+    out = [process.communicate(timeout=TIMEOUT_SECONDS)[0].split() for process in started]
+    assert [each[:2] for each in out] == [["6.0", "1.0"]] * 3
+    assert sum(int(each[-1]) for each in out) == 2
+    copied = {"half" in path.name: b"bitcode" in path.read_bytes() for path in files(module, "nbc")}
+    assert copied == {True: True, False: False}
+
+
 def test_another_signatures_code_is_not_called(module: Path) -> None:
     """What two processes that lose a race leave: the name of one signature's file, the content of the other's."""
     printed(module)

@@ -12,16 +12,7 @@ from sealed import resealed
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime import files
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import (
-    BUILD_AGAIN,
-    FORMAT_VERSION,
-    RunRecord,
-    open_file,
-    put,
-    shapes_of,
-    take,
-    write_file,
-)
+from pgmp_petsc.runtime.files import BUILD_AGAIN, FORMAT_VERSION, RunRecord, open_file, put, shapes_of, take, write_file
 from pgmp_petsc.runtime.resources import Timings
 
 RECORD = RunRecord('[scene]\nname = "x"\n', {"r1": 5.6e-3}, 7, 3, {"write": 0.5, "assemble": 1.0})

@@ -196,20 +196,6 @@ def test_what_work_waits_for_is_said_beside_the_count(monkeypatch: pytest.Monkey
     assert clock.lines() == ["samples: 0 of 7, 6 s, compiling", "samples: 0 of 7, 26 s"]
 
 
-def test_what_work_waits_for_does_not_tell_how_fast_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Clock()
-    monkeypatch.setattr("pgmp_petsc.runtime.progress._now", clock)
-    count = Lines(500, "samples", clock.stream, clock=clock)
-    count.update()
-    waits_for("compiling")
-    clock.now += 5.0
-    count.look()
-    waits_for(None)
-    clock.now += 10.0
-    count.update(299)
-    assert clock.lines() == ["samples: 1 of 500, 5 s, compiling", "samples: 300 of 500, 15 s, about 7 s to go"]
-
-
 def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)

@@ -137,8 +137,7 @@ def test_a_wrong_entry_is_explained(override: str, said: str) -> None:
 def test_the_start_lies_in_a_range_that_is_not_periodic(initial: str, position: str) -> None:
     with pytest.raises(InputError) as caught:
         load_scene(
-            SLIDER_CRANK,
-            ["coordinates.theta={joint='crank_hinge', range=[1, 2]}", f"simulation.initial={{{initial}}}"],
+            SLIDER_CRANK, ["coordinates.theta={joint='crank_hinge', range=[1, 2]}", f"simulation.initial={{{initial}}}"]
         )
     assert (
         str(caught.value)

@@ -5,6 +5,7 @@ from effect_scenes import BAR, BAR_INERTIA, line_model, scene_of
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
+from scenes import tables
 
 STIFFNESS, SPEED, GAP = 200.0, 1.0, 0.1
 CONTACT = np.pi * np.sqrt(BAR_INERTIA / STIFFNESS)  # half a period of the spring, s
@@ -15,21 +16,13 @@ def bouncing(step: float, duration: float, upper: float = GAP, stiffness: object
     value = f'"{stiffness}"' if isinstance(stiffness, str) else stiffness
     return scene_of(
         BAR,
-        f"""
-[effects.stop]
-type = "end_stop"
-joint = "hinge"
-lower = {-GAP}
-upper = {upper}
-stiffness = {value}
-[simulation]
-duration = {duration}
-step = {step}
-spectral_radius = 1.0
+        tables(f"""
+effects.stop: type = "end_stop"; joint = "hinge"; lower = {-GAP}; upper = {upper}; stiffness = {value}
+simulation: duration = {duration}; step = {step}; spectral_radius = 1.0
 [simulation.initial.theta]
 velocity = {SPEED}
 {more}
-""",
+"""),
     )
 
 

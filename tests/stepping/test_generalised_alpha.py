@@ -166,12 +166,7 @@ def amplification(scheme: Scheme, omega_h: float) -> np.ndarray:
         ]
     )
     right = np.array(
-        [
-            [1.0, 1.0, 0.0, 0.5 - s.beta],
-            [0.0, 1.0, 0.0, 1 - s.gamma],
-            [0.0, 0.0, s.alpha_f, -s.alpha_m],
-            [0.0] * 4,
-        ]
+        [[1.0, 1.0, 0.0, 0.5 - s.beta], [0.0, 1.0, 0.0, 1 - s.gamma], [0.0, 0.0, s.alpha_f, -s.alpha_m], [0.0] * 4]
     )
     return np.linalg.solve(left, right)
 
@@ -188,14 +183,6 @@ def test_it_is_stable_for_every_step_and_damps_high_frequencies_most(radius: flo
     values = [np.abs(np.linalg.eigvals(amplification(Scheme.of(radius, 1.0), w))).max() for w in np.logspace(-2, 5, 60)]
     assert max(values) <= 1.0 + 1e-6
     assert np.all(np.diff(values) <= 1e-4)
-
-
-@pytest.mark.parametrize("radius", RADII)
-def test_the_coefficients_fulfil_the_condition_of_second_order(radius: float) -> None:
-    s = Scheme.of(radius, 0.25)
-    assert s.gamma == pytest.approx(0.5 + s.alpha_f - s.alpha_m, abs=1e-15)
-    assert s.gain_v == pytest.approx(s.gamma / (s.beta * 0.25), rel=1e-14)
-    assert s.gain_a == pytest.approx((1 - s.alpha_m) / ((1 - s.alpha_f) * s.beta * 0.25**2), rel=1e-14)
 
 
 def test_the_extremes_are_known_schemes() -> None:

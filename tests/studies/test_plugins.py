@@ -298,9 +298,7 @@ IN_COMMANDS = (
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
-def test_commands_take_plugins_and_end_with_one_message(
-    mpirun: Callable, line_spring: Path, tmp_path: Path, n_ranks: int
-) -> None:
+def test_commands_take_plugins_and_end_with_one_message(mpirun, line_spring: Path, tmp_path, n_ranks: int) -> None:
     scene = tmp_path / "base.toml"
     scene.write_text(BASE)
     for name in IN_COMMANDS:

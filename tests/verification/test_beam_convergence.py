@@ -3,6 +3,7 @@
 import compiled_elements
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE, element_dofs
 from pgmp_petsc.modes.problem import ModalProblem
@@ -74,8 +75,6 @@ def test_a_couple_rolls_a_beam_up(angle: float, n_steps: int, reach: float) -> N
 
 def test_the_bending_modes_of_a_hinged_beam() -> None:
     """Pinned at one end, free at the other: tan(b L) = tanh(b L), b L = 3.9266, 7.0686 (Euler and Bernoulli)."""
-    from mpi4py import MPI
-
     radius, shift = 2e-4, np.array([3.92660231, 7.06858275])
     area, inertia = np.pi * radius**2, np.pi * radius**4 / 4
     exact = shift**2 * np.sqrt(STEEL["E"] * inertia / (STEEL["rho"] * area)) / (2 * np.pi)

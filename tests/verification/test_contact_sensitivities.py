@@ -140,9 +140,7 @@ LENGTHS = {
 
 
 @pytest.mark.parametrize("name", list(LENGTHS))
-def test_derivatives_with_a_length_or_place_through_contacts_are_central_differences(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_derivatives_with_a_length_or_place_through_contacts_are_central_differences(name: str, monkeypatch) -> None:
     """Where a stop is met its force has a corner, at which the length and the coordinates take the same side."""
 
     def carefully(system: Any, *arguments: Any, **named: Any) -> Run:
@@ -245,9 +243,7 @@ def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing
         angle = run_of(of(velocity, 10.0)).outputs["angle"]
         velocity -= (angle[51] - angle[49]) / 2e-3
     farthest = float(angle[50])
-    with pytest.raises(
-        InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop: its path turns back"
-    ):
+    with pytest.raises(InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop"):
         run_of(of(velocity, farthest - 1e-12))
     beyond = 1e-6
     run = run_of(of(velocity, farthest - beyond))

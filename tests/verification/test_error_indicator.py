@@ -227,9 +227,7 @@ def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> N
                 )
 
 
-def test_an_estimate_does_not_depend_on_the_steps_of_a_call(
-    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_estimate_does_not_depend_on_the_steps_of_a_call(model: ReducedModel, monkeypatch) -> None:
     """Bit for bit: modes are taken anew after the same steps, whatever is shown together."""
     values = draw(runs.paper_scene(), SEED, 0, 2)
     expected = estimated(model, values, 2)

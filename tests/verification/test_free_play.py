@@ -88,9 +88,7 @@ def test_one_law_with_two_edges_is_two_stops(name: str) -> None:
         np.testing.assert_allclose(found[0][output], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-def test_derivatives_through_both_edges_are_central_differences(
-    with_play: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_derivatives_through_both_edges_are_central_differences(with_play: ReducedModel, monkeypatch) -> None:
     """Of runs carried to round-off, as what iterations leave grows from contact to contact."""
 
     def carefully(system: Any, *arguments: Any, **named: Any) -> Run:

@@ -5,6 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import rom_of
 from two_coordinates import double_pendulum, five_bar, over
 
@@ -89,8 +90,6 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
         rom = rom_of(five_bar(*part, f"reduction.angles={n}"))
         if not errors:
             wanted, exact = elsewhere(rom.tables.samples), []
-            from mpi4py import MPI
-
             with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
                 exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
         found = reduced_frequencies(rom.tables, "spline", scene.nominal, wanted)
@@ -156,8 +155,6 @@ def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
 
 @pytest.mark.parametrize("drive", [(), (DRIVE,)])
 def test_full_order_and_reduced_frequencies_side_by_side(drive: tuple[str, ...]) -> None:
-    from mpi4py import MPI
-
     scene = double_pendulum(SPLINE, "reduction.angles=12", *drive)
     group = RankGroup.split(MPI.COMM_SELF, 1)
     table = tabulate_modes(scene, meshes_of(scene), rom_of(scene), 6, group)
@@ -176,8 +173,6 @@ def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None
     for more in ((), ("reduction.parameter_modes=1",)):
         scene = double_pendulum(*uncertain, *more)
         rom = rom_of(scene)
-        from mpi4py import MPI
-
         with ModalProblem(kinematics_of(scene), values, 5, MPI.COMM_SELF) as problem:
             exact = np.array([problem.solve(theta).frequencies_hz for theta in rom.tables.samples.theta[:8]])
         tables = rom.tables

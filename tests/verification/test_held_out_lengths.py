@@ -40,9 +40,7 @@ def differences(found: dict[str, np.ndarray], exact: dict[str, np.ndarray], samp
     }
 
 
-def test_frequencies_and_motion_are_those_of_models_that_were_built_with_the_length(
-    scene: Scene, rom: ReducedOrderModel
-) -> None:
+def test_frequencies_and_motion_are_those_of_models_that_were_built_with_the_length(scene: Scene, rom) -> None:
     lanes = of_samples(ReducedModel(scene, rom), ["rod_length"])
     assert isinstance(lanes, LengthLanes)
     together = history(lanes, samples(scene, 2, rod_length=np.array(HELD_OUT)), 2)[1]

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -33,8 +35,6 @@ REFERENCE_HZ = {
 
 def modal_problem(kinematics: RigidKinematics, n_modes: int) -> ModalProblem:
     """Return the problem of one process at the nominal radius."""
-    from mpi4py import MPI
-
     return ModalProblem(kinematics, VALUES, n_modes, MPI.COMM_SELF)
 
 
@@ -49,8 +49,6 @@ def dense_pencil(kinematics: RigidKinematics, theta: float) -> tuple[np.ndarray,
 
 def petsc_matrix(dense: np.ndarray) -> object:
     """Return a sequential sparse matrix that stores every entry."""
-    from petsc4py import PETSc
-
     n = len(dense)
     starts, columns = np.arange(0, n * n + 1, n), np.tile(np.arange(n), n)
     csr = (starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), dense.ravel())
@@ -62,8 +60,6 @@ def petsc_matrix(dense: np.ndarray) -> object:
 @pytest.fixture
 def options() -> Iterator[object]:
     """Return PETSc's options, and take the test's own away again."""
-    from petsc4py import PETSc
-
     before = PETSc.Options().getAll()
     yield PETSc.Options()
     for name in set(PETSc.Options().getAll()) - set(before):
@@ -83,8 +79,6 @@ def pencil() -> tuple[object, object, np.ndarray]:
 
 @pytest.fixture
 def solver() -> Iterator[ShiftInvertSolver]:
-    from petsc4py import PETSc
-
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     yield solver
     solver.close()
@@ -229,9 +223,7 @@ def test_more_modes_than_the_mesh_has_are_refused() -> None:
         assert problem.solve(1.0).frequencies_hz.shape == (30,)
 
 
-def test_a_missing_eigenvalue_is_noticed(
-    pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_eigenvalue_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch) -> None:
     a, b, _ = pencil
     fetch = ShiftInvertSolver._fetch
 
@@ -262,20 +254,40 @@ def test_a_large_residual_is_noticed(pencil: tuple, solver: ShiftInvertSolver, m
         solver.solve(a, b, 1, 5, "here")
 
 
-def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: object) -> None:
-    from petsc4py import PETSc
+#: Options of the solver's prefix, what is raised of solving or of applying the factor, and its words.
+FAILING = {
+    "no convergence": (
+        {"eps_tol": 1e-40, "eps_max_it": 2, "eps_ncv": 25},
+        RunError, r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)",
+    ),
+    # read at the factorisation, which knows its prefix
+    "refused by PETSc": (
+        {"count_mat_mumps_icntl_14": "x"},
+        InputError, "^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no",
+    ),
+    "Krylov method stops early": (
+        {"st_ksp_type": "cg", "st_ksp_max_it": 1, "st_pc_type": "none", "st_ksp_error_if_not_converged": 0},
+        RunError, "with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid",
+    ),
+}  # fmt: skip
 
-    for name, value in (("tol", 1e-40), ("max_it", 2), ("ncv", 25)):
-        options[f"pgmp_modes_eps_{name}"] = value
+
+@pytest.mark.parametrize("name", FAILING)
+def test_what_a_solver_fails_of_is_said(pencil: tuple, options: object, name: str) -> None:
+    given, kind, words = FAILING[name]
+    for key, value in given.items():
+        options[f"pgmp_modes_{key}"] = value
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
-    with pytest.raises(RunError, match=r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)"):
-        solver.solve(*pencil[:2], 1, 5, "here")
+    with pytest.raises(kind, match=words):
+        if "st_ksp_type" in given:
+            solver.factor(*pencil[:2])
+            solver.apply_inverse(np.ones((40, 1)))
+        else:
+            solver.solve(*pencil[:2], 1, 5, "here")
     solver.close()
 
 
 def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: object) -> None:
-    from petsc4py import PETSc
-
     options["pgmp_modes_eps_ncv"] = 37
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     solver.solve(*pencil[:2], 1, 5, "here")
@@ -284,8 +296,6 @@ def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: objec
 
 
 def test_solvers_leave_the_options_alone_and_have_their_own(pencil: tuple, options: object) -> None:
-    from petsc4py import PETSc
-
     before = PETSc.Options().getAll()
     options["other_eps_tol"] = 1e-40  # of another problem
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
@@ -294,36 +304,8 @@ def test_solvers_leave_the_options_alone_and_have_their_own(pencil: tuple, optio
     assert PETSc.Options().getAll() == before | {"other_eps_tol": "1e-40"}
 
 
-def test_an_option_that_petsc_refuses_is_bad_input(pencil: tuple, options: object) -> None:
-    from petsc4py import PETSc
-
-    options["pgmp_modes_count_mat_mumps_icntl_14"] = "x"  # read at the factorisation, which knows its prefix
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
-    with pytest.raises(
-        InputError, match="^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no"
-    ):
-        solver.solve(*pencil[:2], 1, 5, "here")
-    solver.close()
-
-
-def test_a_krylov_method_that_stops_early_is_noticed(pencil: tuple, options: object) -> None:
-    from petsc4py import PETSc
-
-    for name, value in (("ksp_type", "cg"), ("ksp_max_it", 1), ("pc_type", "none"), ("ksp_error_if_not_converged", 0)):
-        options[f"pgmp_modes_st_{name}"] = value
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
-    with pytest.raises(
-        RunError, match="with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid"
-    ):
-        solver.factor(*pencil[:2])
-        solver.apply_inverse(np.ones((40, 1)))
-    solver.close()
-
-
 def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
     """Without a shift, and rows that are empty: nothing that comes out may be used."""
-    from petsc4py import PETSc
-
     empty = petsc_matrix(np.zeros((40, 40)))
     solver = ShiftInvertSolver(PETSc.COMM_SELF, 0.0, "pgmp_modes_")
     with pytest.raises(RunError, match="with the shift 0: "):

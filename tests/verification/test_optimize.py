@@ -170,9 +170,7 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
     assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
 
 
-def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(
-    cantilever: ReducedModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantilever: ReducedModel, monkeypatch) -> None:
     halved = reduced_model(scene_from_toml(CANTILEVER.replace("step = 1e-3", "step = 5e-4"), "."))
 
     def with_half_the_step(model: ReducedModel, values: dict[str, float], names: tuple[str, ...]) -> DifferentiatedRun:

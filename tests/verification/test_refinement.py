@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
+from mpi4py import MPI
 from runs import history, reduced_model, rom_of, samples
 
 from pgmp_petsc.models import ReducedModel
@@ -32,8 +33,6 @@ def test_midpoints(periodic: bool) -> None:
 
 
 def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
-    from mpi4py import MPI
-
     counts, errors = [], []
     elsewhere = np.random.default_rng(0).uniform(0.0, 2 * np.pi, 20)
     with ModalProblem(kinematics_of(slider_crank()), {"r1": RADIUS}, 5, MPI.COMM_SELF) as problem:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.linalg
+from mpi4py import MPI
 from runs import quick_return, rom_of
 from static_equilibrium import StaticEquilibrium
 
@@ -64,8 +65,6 @@ class Curved:
 
 def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     """Compute one configuration."""
-    from mpi4py import MPI
-
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
@@ -189,8 +188,6 @@ class OnManifold:
 
 def sampled(scene: Scene, theta: float) -> OnManifold:
     """Return one sample with everything of second order."""
-    from mpi4py import MPI
-
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)

@@ -43,13 +43,7 @@ class RigidBars:
     """Square bars of steel along their own x axes, that go with coordinates as closed forms say.
 
     A bar's kinetic energy is ``1/2 m |c'|^2 + 1/2 tr(R' J R'^T)``, c its centre and ``J = m/12 diag(L^2, w^2, w^2)``.
-
-    Parameters
-    ----------
-    lengths
-        One a bar, m.
-    places
-        From coordinates (n_theta,) to the place of every bar.
+    `places` leads from coordinates (n_theta,) to the place of every bar.
     """
 
     def __init__(self, lengths: Sequence[float], places: Callable[[np.ndarray], list[Place]]) -> None:

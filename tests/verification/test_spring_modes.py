@@ -21,6 +21,7 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
@@ -46,8 +47,6 @@ def group() -> RankGroup:
 
 def vibrations(scene: Scene, kinematics: RigidKinematics, theta: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the frequencies (n, n_modes) at configurations (n,) or (n, n_theta), Hz."""
-    from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
-
     springs, _ = springs_of(scene, kinematics)
     with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
         return frequencies_of(np.array([problem.eigenvalues(np.atleast_1d(at)) for at in theta]))

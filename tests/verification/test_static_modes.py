@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import scipy.linalg
+from mpi4py import MPI
+from petsc4py import PETSc
 from runs import quick_return, rom_of
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -12,6 +14,7 @@ from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import dependent_loads, static_modes
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -67,8 +70,6 @@ class Dense:
 
 def sampled(scene: Scene, theta: float, n_modes: int) -> tuple[ModeSet, np.ndarray, Dense]:
     """Return modes and static modes at one configuration, and the dense problem."""
-    from mpi4py import MPI
-
     kinematics = kinematics_of(scene)
     dense = Dense(kinematics, scene, theta)
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
@@ -131,8 +132,6 @@ def test_without_loads_there_are_no_static_modes() -> None:
 
 
 def test_static_modes_are_wanted_only_where_asked_for() -> None:
-    from mpi4py import MPI
-
     scene = slider_crank(GRAVITY)
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
@@ -183,8 +182,6 @@ def test_static_modes_are_continuous_over_a_revolution() -> None:
 
 
 def test_a_refinement_that_does_not_converge_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pgmp_petsc.modes import problem as problem_module
-
     monkeypatch.setattr(problem_module, "MAX_REFINEMENTS", 1)
     with pytest.raises(RunError, match="static mode: 1 refinements left a step"):
         sampled(slider_crank(), 1.0, 3)
@@ -223,8 +220,6 @@ def test_more_vectors_than_the_mesh_has_are_refused() -> None:
 
 
 def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
-    from mpi4py import MPI
-
     kinematics = kinematics_of(slider_crank())
     with ModalProblem(kinematics, {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
         modes = problem.solve(1.0)
@@ -236,8 +231,6 @@ def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
 
 def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit() -> None:
     """Where the crank is upright the rod moves without turning: its weight along the motion is its inertia force."""
-    from mpi4py import MPI
-
     scene = slider_crank(
         GRAVITY, STATIC, "reduction.inertia_modes=true", "bodies.crank.flexible=false", "parameters={}",
         "bodies.crank.section.radius=5.6e-3", 'bodies.crank.material="steel"',
@@ -267,8 +260,6 @@ def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit
 
 def test_a_solver_of_the_users_own_gives_the_same_answers() -> None:
     """With another method than the direct one the factor is none to be used by itself."""
-    from petsc4py import PETSc
-
     expected = sampled(slider_crank(), 1.0, 3)[1]
     options = PETSc.Options("pgmp_modes_st_")
     options["ksp_type"], options["ksp_rtol"] = "cg", 1e-14

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.linalg import eigh, null_space
 from two_coordinates import double_pendulum, five_bar
 
@@ -29,8 +30,6 @@ def driven(scene: Scene, *prescribed: str) -> Mechanism:
 
 @contextmanager
 def problem_of(mechanism: Mechanism, scene: Scene, n_modes: int) -> Iterator[ModalProblem]:
-    from mpi4py import MPI
-
     with ModalProblem(RigidKinematics(mechanism), scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         yield problem
 

@@ -1,0 +1,289 @@
+"""The terms of the reduced Lagrangian as rows in index notation, and what is printed from them (`declare.forms`).
+
+`reduced.lagrangian` has the equations and what the tables are. Printed are the exact derivatives of the residual, the
+energies, and residual and iteration matrix in C. The residual and the matrix of LANES samples at once are written by
+hand in `reduced.lagrangian`: printed from these rows they are as fast alone, but the compiled steps, which take them
+up, took 1.3 times as long.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+from pgmp_petsc.declare.expressions import kept
+from pgmp_petsc.declare.forms import (
+    ANY,
+    THETA,
+    Loops,
+    Polynomial,
+    Target,
+    Term,
+    at,
+    equations,
+    in_c,
+    in_python,
+    tangents,
+    total,
+)
+from pgmp_petsc.runtime.compiled import text_mark
+
+HALF = Fraction(1, 2)
+Output = tuple[Target, str, Polynomial, str]
+
+
+def packed(letter: str) -> str:
+    """Return how many entries are before a row of a packed symmetric matrix."""
+    return f"{letter} * ({letter} + 1) // 2"
+
+
+_CUBIC = f"layout.cubic + i * (i + 1) * (i + 2) // 6 + {packed('j')} + h"
+_PAIR = f"({packed('k')} + l)"
+_MATRIX = f"{packed('i')} + j"
+_SECOND, _DAMPED = "second order", "structural damping"
+#: Letters k and l are of theta, i, j and h of delta. The parts of M, Q and D have different tables or rules.
+TERMS = (
+    Term("1/2 M[kl] v_k v_l", _PAIR, "rigid", "kinetic"),
+    Term("M[i,k] v_i v_k", f"{packed('(r + i)')} + k", "inertia", "kinetic"),
+    Term("1/2 M[ij] v_i v_j", f"{packed('(r + i)')} + r + j", "inertia", "kinetic"),
+    Term("1/2 K[ij] q_i q_j", f"layout.stiffness + {_MATRIX}", "terms", "potential"),
+    Term("b[kl,i] v_k v_l q_i", f"layout.coupling + {_PAIR} * m + i", "inertia", "kinetic"),
+    Term("Q[k] q_k", "k", "load", "force", "loads"),
+    Term("Q[i] q_i", "r + i", "load", "load", "loads"),
+    Term("1/6 V[ijh] q_i q_j q_h", _CUBIC, "terms", "potential", _SECOND),
+    Term("-1/2 c[kl,ij] v_k v_l q_i q_j", f"layout.swing + {_PAIR} * (m * (m + 1) // 2) + {_MATRIX}", "terms",
+         "kinetic", _SECOND),
+    Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) // 2) + i * (i - 1) // 2 + j", "terms",
+         "kinetic", _SECOND),
+    Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order"),
+    Term("1/2 D[kl] u_k u_l", f"layout.damping + {_PAIR}", "terms", "dissipation", _DAMPED),
+    Term("D[i,k] u_i u_k", f"layout.damping + {packed('(r + i)')} + k", "terms", "dissipation", _DAMPED),
+    Term("1/2 D[ij] u_i u_j", f"layout.damping + {packed('(r + i)')} + r + j", "terms", "dissipation", _DAMPED),
+)  # fmt: skip
+CONDITIONS = {
+    "loads": "loaded",
+    _SECOND: "layout.cubic < layout.damping",
+    "loads of second order": "loaded and layout.cubic < layout.damping",
+    _DAMPED: "layout.damping < layout.end",
+}
+PYTHON = '''"""The Lagrangian of the reduced model, printed from its terms."""
+
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import add_product, add_to_rows, dot, load, load_rows, spread, store, zeros
+
+
+@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+def fill_residual(layout, jets, load_jets, first, slopes, place, loaded, moment, balance):
+    """Fill the residual (n_eta,).
+
+    Parameters
+    ----------
+    jets, load_jets
+        Of the tables and of all loads together, with their amplitudes; see `gradients.jets`.
+    first, slopes
+        Where in a jet the value and the derivatives begin of what is taken for the tables.
+    place
+        A tuple as long as there are rigid coordinates.
+    loaded
+        Whether there are loads.
+    moment
+        Coordinates, velocities and accelerations as inertia forces see them, and velocities, (4, n_eta).
+    """
+    q, v, a, rate = moment[0], moment[1], moment[2], moment[3]
+    r, n, width = len(place), layout.n_eta, jets.shape[1]
+    m = n - r
+    velocity = load_rows(v, 0, 1, place)
+    for e in range(n):
+        store(balance, e, 0.0)
+{residual}
+
+
+@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+def fill_tangents(layout, jets, load_jets, place, loaded, moment, by_q, by_v, by_a):
+    """Fill the derivatives (n_eta, n_eta) of the residual with coordinates, velocities and accelerations.
+
+    Columns of theta of `by_q` are left zero; other parameters are those of `fill_residual`.
+    """
+    first, slopes = 0, 1
+    q, v, a, rate = moment[0], moment[1], moment[2], moment[3]
+    r, n, width = len(place), layout.n_eta, jets.shape[1]
+    m = n - r
+    velocity = load_rows(v, 0, 1, place)
+    for e in range(n * n):
+        store(by_q, e, 0.0)
+        store(by_v, e, 0.0)
+        store(by_a, e, 0.0)
+{tangents}
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_energies(layout, entries, q, v, kinetic, strain):
+    """Add the energies of states (n, n_eta) with their tables' entries (n, n_entries) to results (n,), J."""
+    r, n = len(layout.rigid), layout.n_eta
+    m = n - r
+    for s in range(q.shape[0]):
+{energies}
+
+
+C = """{c}"""
+
+COMPLETE = True
+'''
+C = """struct slopes {{ double of[R]; }};
+#define load(array, at) ((array)[at])
+#define store(array, at, x) ((array)[at] = (x))
+#define spread(x) (x)
+#define loaded (N_LOADS > 0)
+#define zeros(place) ((struct slopes){{{{0}}}})
+
+static inline struct slopes load_rows(const double *array, int first, int stride) {{
+    struct slopes x;
+    for (int k = 0; k < R; k++) x.of[k] = array[first + k * stride];
+    return x;
+}}
+
+static inline struct slopes add_product(struct slopes total, struct slopes x, double y) {{
+    for (int k = 0; k < R; k++) total.of[k] += x.of[k] * y;
+    return total;
+}}
+
+static inline double dot(struct slopes x, struct slopes y) {{
+    double total = 0.0;
+    for (int k = 0; k < R; k++) total += x.of[k] * y.of[k];
+    return total;
+}}
+
+static inline void add_to_rows(double *array, int first, int stride, struct slopes x, double y) {{
+    for (int k = 0; k < R; k++) array[first + k * stride] += x.of[k] * y;
+}}
+
+/* Residual at eta, its rates and their rates and, if `fresh`, the iteration matrix without second derivatives of
+   tables. */
+void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
+                         double gain_v, double gain_a, int fresh, double balance[N], struct matrix *matrix) {{
+    enum {{ r = R, n = N, m = M }};
+    const double *rigid = t->rigid[0], *table = t->table[0], *loads = t->load[0];
+    double v[N], a[N], *factor = matrix->factor, *skew = matrix->skew;
+    double *corner = matrix->corner[0], *column = matrix->column[0], *row = matrix->row[0];
+    memset(balance, 0, N * sizeof(double));
+    if (fresh) memset(matrix, 0, sizeof *matrix);
+    /* damping proportional to the mass is what it adds to the accelerations */
+    gain_a += gain_v * MASS_DAMPING;
+    for (int i = 0; i < N; i++) v[i] = QUADRATIC ? rate[i] : 0.0, a[i] = rates[i] + MASS_DAMPING * rate[i];
+    const struct slopes velocity = load_rows(v, 0, 1);
+{evaluate}
+}}
+"""
+
+
+def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the residual and, if `fresh`, to the iteration matrix.
+
+    That leaves out what hardly matters to Newton's iteration: second derivatives of tables, and in the border of the
+    flexible block, of terms of second order, their changes with theta and, in its rows and columns, with delta' and
+    delta''.
+    """
+    yield from _balanced(term, bound)
+    blocks: dict[tuple[str, str, str], Polynomial] = {}
+    for part in tangents(term, bound):
+        gain = {"q": (), "v": ("gain_v",), "a": ("gain_a",)}[part.order]
+        factor = part.factor
+        rigid = [one in THETA or one == ANY for one in (part.row, part.column)]
+        if any(rigid) and term.only in (_SECOND, "loads of second order"):
+            if part.source != "value":
+                continue
+            if not all(rigid):
+                factor = {f: x for f, x in factor.items() if not any(_is_rate(one) for one in f)}
+        key = part.row, part.column, part.source
+        blocks[key] = total((1, blocks.get(key, {})), (1, total((1, factor), by=gain)))
+    for (x, y, source), factor in blocks.items():
+        if not ({x, y} & {ANY, *THETA}):
+            if bound.index(x) <= bound.index(y):  # row x of the lower triangle, which is the outer loop's
+                other = blocks.get((y, x, source), {})
+                place = f"{packed(x)} + {y}"
+                even = total((HALF, factor), (HALF, other))
+                yield Target("factor", place), source, even, "fresh"
+                yield Target("skew", place), source, total((HALF, factor), (-HALF, other)), "fresh"
+        else:
+            yield _bordered(x, y), source, factor, "fresh"
+
+
+def _is_rate(factor: str) -> bool:
+    """Return whether a factor is a rate of a flexible coordinate."""
+    return factor[0] in "va" and factor[2:] not in THETA
+
+
+def _bordered(x: str, y: str) -> Target:
+    """Return the place of a derivative of row x with y in the border of the flexible block."""
+    if y == ANY:
+        return Target("corner", f"{x} * r", "1") if x in THETA else Target("column", x, "m")
+    if x == ANY:
+        return Target("corner", y, "r") if y in THETA else Target("row", y, "m")
+    if x in THETA and y in THETA:
+        return Target("corner", f"{x} * r + {y}")
+    outer, inner, array = (x, y, "row") if x in THETA else (y, x, "column")
+    return Target(array, f"{outer} * m + {inner}")
+
+
+def _balanced(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the residual."""
+    for part in equations(term, bound):
+        x = part.row
+        target = Target("balance", "0", "1") if x == ANY else Target("balance", at(x))
+        yield target, part.source, part.factor, ""
+
+
+def _differentiated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the derivatives of the residual, but for the columns of theta of `by_q`."""
+    for part in tangents(term, bound):
+        x, y, array = part.row, part.column, f"by_{part.order}"
+        if y == ANY and part.order == "q":
+            continue
+        if ANY in (x, y):
+            target = Target(array, at(y), "n") if x == ANY else Target(array, f"({at(x)}) * n", "1")
+        else:
+            target = Target(array, f"({at(x)}) * n + {at(y)}")
+        yield target, part.source, part.factor, ""
+
+
+def _stored(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the energies."""
+    if term.kind in ("kinetic", "potential"):
+        kinetic = term.kind == "kinetic"
+        scale = 1 if kinetic else -1
+        yield Target("kinetic" if kinetic else "strain", "s"), "value", total((scale, term.factor_of(bound))), ""
+
+
+def _printed() -> str:
+    of_c = {
+        name: (f"load({array}, {{}})", f"load_rows({array}, {end} + {{}}, {end})")
+        for name, array, end in (
+            ("rigid", "rigid", "PACKED(R)"), ("inertia", "table", "END"), ("terms", "table", "END"),
+            ("load", "loads", "LOAD_END"),
+        )
+    }  # fmt: skip
+    jets = {
+        name: (f"load({array}, ({{}}) * width + first)", f"load_rows({array}, ({{}}) * width + slopes, 1, place)")
+        for name, array in (("rigid", "jets"), ("inertia", "jets"), ("terms", "jets"), ("load", "load_jets"))
+    }
+    stored = dict.fromkeys(jets, ("entries[s, {}]", ""))
+    energies = Loops(_stored, stored, CONDITIONS, read="{}[s, {}]", add="{}[{}] += {}")
+
+    def python(loops: Loops, indent: str = "    ") -> str:
+        return "\n".join(indent + line for line in in_python(loops.lines(TERMS)))
+
+    c = "\n".join(f"    {line}" for line in in_c(Loops(_iterated, of_c, CONDITIONS, "factor").lines(TERMS)))
+    c = re.sub(r"layout\.(\w+)", lambda one: one[1].upper(), c)  # places in a row are constants of a model
+    return PYTHON.format(
+        residual=python(Loops(_balanced, jets, CONDITIONS)),
+        tangents=python(Loops(_differentiated, jets, CONDITIONS)),
+        energies=python(energies, " " * 8).replace("spread(0.0)", "0.0"),
+        c=C.format(evaluate=c),
+    )
+
+
+_MARK = text_mark(__name__, "pgmp_petsc.declare.forms", "pgmp_petsc.declare.expressions")
+CODE = kept("lagrangian", _MARK, Path(__file__), _printed)
+fill_residual, fill_tangents, fill_energies = CODE.fill_residual, CODE.fill_tangents, CODE.fill_energies
