@@ -23,7 +23,8 @@ LimitState = Callable[[np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 AT_ONCE, MOST_STEPS = 4, 40  # searches
-IN_VAIN = 2  # times so many searches that may find nothing new
+IN_VAIN = 2  # times so many searches that may find nothing new; once from points that are not near the border
+OF_BATCH = 0.25  # of all evaluations, which searches at once from such points may take
 USUAL_STEPS = 4  # that searches take from near the border
 HALVES = 0.5 ** np.arange(1, 5)  # of a step that leads no nearer
 SETTLED = 2e-3  # length of a step that is none: beta is off by its square over 2 beta, and by what g is left
@@ -34,7 +35,7 @@ ALIKE = 0.99  # cosine between design points that are one
 NEAR_PLANE = 0.2  # of a start from a plane on which it lies: rays are followed to a sixth
 FARTHER = 2.0  # than the nearest: a design point of no interest, a thousandth as likely at 3.5
 EXPLAINED = 0.3  # of the points of an event that lie beyond planes which evaluations can lead to, at least
-HOPELESS = 0.1  # of the probability: levels may be wrong by a few times
+OF_PLANES = 0.2  # of the probability, which levels may have wrong by a few times
 WIDE = 1.0  # distance to the points of a border between which a plane is laid, and in which it is searched for
 BISECTED, FINELY = 6, 12  # steps of a bisection, of borders near one that is known, and of others
 ON_BORDER = 0.15  # distance between a plane's nearest point and the border
@@ -123,20 +124,24 @@ def design_points(
     others
         Further points (m, d), from anywhere, and their g (m,), from which searches begin after those.
     chance
-        Of the event, as nearly as it is known: where planes at as many design points as evaluations can lead to would
-        not come near it, as of an event all around, searches end.
+        Of the event, as nearly as it is known: where planes at the design points that starts lead to are far from it,
+        as the border bends or the event is all around, no search begins from others.
     """
-    d, used, found, in_vain = starts.shape[1], 0, [], 0
+    d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
     cost, tangents = cost_of(d, slopes), _Tangents(d)
     points, g = (np.zeros((0, d)), np.zeros(0)) if others is None else others
     points, g = points[np.isfinite(g)], g[np.isfinite(g)]
     while in_vain < IN_VAIN:
         if found:
             starts = starts[tangents.beyond(starts, np.zeros(len(starts))) > 0.0]
+            is_bent = not len(starts) and ndtr([-u @ alpha for u, alpha in found]).sum() < OF_PLANES * chance
+            if is_bent:
+                break
             if not len(starts):
                 beyond = tangents.beyond(points, g)
                 points, g, beyond = (of_all[beyond > 0.0] for of_all in (points, g, beyond))
-        n_at_once = min(AT_ONCE, max((most - used) // (2 * cost), 1))
+        at_most = most - used if len(starts) else min(most - used, max(int(OF_BATCH * most), cost))
+        n_at_once, is_other = min(AT_ONCE, max(at_most // (2 * cost), 1)), not len(starts)
         chosen, starts = starts[:n_at_once], starts[n_at_once:]
         if found and not len(chosen):
             order = np.argsort(-beyond, kind="stable")
@@ -145,14 +150,12 @@ def design_points(
         if not len(chosen) or most - used < cost:
             break
         known = len(found)
-        settled, of_search = _search(evaluate, slopes, chosen, most - used, tangents)
+        settled, of_search = _search(evaluate, slopes, chosen, at_most, tangents)
         found, used = _different(found + settled), used + of_search
-        in_vain = 0 if len(found) > known else in_vain + 1
-        if ndtr([-point @ alpha for point, alpha in found]).sum() * most / max(used, 1) < HOPELESS * chance:
-            break
+        in_vain = 0 if len(found) > known else in_vain + (IN_VAIN if is_other else 1)
     if not found:
         return None
-    is_open = in_vain == 0 and bool(len(chosen))
+    is_open = is_bent or (in_vain == 0 and bool(len(chosen)))
     return DesignPoints(*(np.array(part) for part in zip(*found)), used, slopes is not None, is_open)
 
 

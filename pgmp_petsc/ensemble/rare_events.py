@@ -78,7 +78,7 @@ PART_WEIGHED = 8  # of all samples one of so many is left to be weighed, at leas
 MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
 OF_DESIGN = 2 / 3  # of the samples that are left searches for design points have, at most
 SCANNED = (1.5, 2.0, 3.0)  # deviations of samples that see whether there is more than levels have seen
-PART_SCANNED = 40  # of the samples that are left one of so many is of each of these
+PART_SCANNED = 80  # of the samples that are left one of so many is of each of these
 BEYOND = 0.1  # of a design point, where the event is
 FEWEST_SEEDS = 5  # points below a plateau that a level begins from
 AFAR = (1.5, 2.0, 3.0, 4.5)  # deviations of samples that look for what is below a plateau
@@ -87,6 +87,7 @@ FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
 AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are known better than by rays
+LEVELS_APART = 10.0  # factor between what levels and weights say, beyond which parts are missing
 VARY = 30.0  # how much more weights vary before the planes of design points than beyond them
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
 WEAK = 15.0  # equally weighted samples in the event, below which its probability is bounded only
@@ -158,7 +159,8 @@ class RareSamples:
         """Whether the event was reached and weighed."""
         if self.is_plain:
             return bool(self.contributions.any())
-        return self.weights.size > 0 and not (self.weighed > 0.0 or self.is_weak or self.may_have_lost_parts)
+        is_open = self.design is not None and self.may_have_lost_parts
+        return self.weights.size > 0 and not (self.weighed > 0.0 or self.is_weak or is_open)
 
     @property
     def is_weak(self) -> bool:
@@ -235,8 +237,9 @@ class RareSamples:
             return False
         if OUTSIDE * found.sum() / outside_of(points[inside]) >= 1.0:
             return False
-        several = self.design is not None and self.design.beta.size > 1
-        return several or lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
+        if self.design is not None:
+            return self.design.beta.size > 1 or self.by_levels > LEVELS_APART * found.mean()
+        return lie_apart(points[inside], found[inside], stream(0, OF_RARE, 0))
 
     def interval(self, confidence: float) -> np.ndarray:
         """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).

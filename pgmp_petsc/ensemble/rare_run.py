@@ -351,6 +351,14 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
             remarks.append(
                 warning(f"the weighted samples are worth {few} only: the interval may be too short; take a larger -n")
             )
+        if found.may_have_lost_parts:
+            remarks.append(
+                warning(
+                    "the event has parts that lie apart, and no design points, by which further ones would be found: "
+                    "the probability may be too small by whole parts, and the interval goes on to the upper end of "
+                    "what the levels alone say; compare other seeds, or take a larger -n"
+                )
+            )
         is_guess = any(level.is_afar for level in found.levels)
         if not is_guess and not 1.0 / APART < found.by_levels / found.probability < APART:
             remarks.append(
@@ -378,13 +386,10 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
     cure = "it is rarer, or cannot happen; take a larger -n, or a level that is nearer"
     low, bound = found.interval(confidence)
     if found.may_have_lost_parts:
-        looked = "no search looked for more"
-        if found.design is not None:
-            looked = "searches still found more when samples for them ended"
         return (
-            f"not decided: the event has parts that lie apart, and {looked}, so that whole parts of it may be missing: "
-            f"from those that were found it is {low:.3g} at least, and {bound:.3g} at most by the levels alone "
-            f"({100 * confidence:g} %); take a larger -n"
+            "not decided: the event has parts that lie apart, and searches still found more when samples for them "
+            f"ended, so that whole parts of it may be missing: from those that were found it is {low:.3g} at least, "
+            f"and {bound:.3g} at most by the levels alone ({100 * confidence:g} %); take a larger -n"
         )
     said = f"the event was not reached by {len(found.levels)} levels of subset simulation"
     if not np.isfinite(bound):

@@ -287,7 +287,6 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
 
 COMPARABLE = 0.05  # of a figure
 FEWEST = 5  # checked samples that tell of a deviation
-DOUBTED = 0.25  # of a deviation, from which on an error that fewer of them have is a doubt of it
 CURE = "a better basis (reduction.tolerance) makes it smaller, and full-order runs (--full) do without it"
 
 
@@ -384,7 +383,7 @@ def _of_quantity(
             f"{words[1]} of {name}: {samples} have a deviation of {y.std(ddof=1):.3g}{tail}, and of "
             f"{(y - e).std(ddof=1):.3g}{tail} without the estimated errors"
         )
-    elif n < FEWEST and np.abs(e).max() > DOUBTED * spread > 0.0:
+    elif n < FEWEST and np.abs(e).max() > COMPARABLE * spread > 0.0:
         yield (
             f"{words[1]} of {name}, of {spread:.3g}{tail} ({samples} with errors up to {np.abs(e).max():.3g}{tail}; "
             "ensemble.checked_share checks more)"

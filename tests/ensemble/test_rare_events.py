@@ -389,9 +389,9 @@ def test_two_sides_in_20_variables_are_known_and_their_variation_too() -> None:
     """With means as they come, and clusters as large as chains left them, errors were 39 % and 22 % were said."""
     found = [find(lambda u: norm.isf(0.5e-4) - np.abs(u[:, 0]), 20, 5000, seed) for seed in range(12)]
     estimates = np.array([one.probability for one in found]) / 1e-4
-    # measured 7 to 10 % with either said; a side that is missed is half
+    # measured 2 % with either said; a side that is missed is half
     assert np.median(np.abs(estimates - 1.0)) < 0.12
-    assert 0.04 < np.median([one.variation for one in found]) < 0.12
+    assert 0.01 < np.median([one.variation for one in found]) < 0.12
 
 
 def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
@@ -513,10 +513,10 @@ def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:
     assert not lie_apart(part[:19], np.ones(19), random)
 
 
-def test_events_in_parts_that_nothing_has_looked_for_are_not_decided() -> None:
+def test_events_in_parts_that_nothing_has_looked_for_are_warned_of() -> None:
     series = norm.isf(2.5e-5)
     lost = find(lambda u: series - u[:, :4].max(axis=1), 10, 3000, 1, has_design=False)
-    assert lost.may_have_lost_parts and not lost.reached
+    assert lost.may_have_lost_parts and lost.reached
     assert any("parts that lie apart" in one.text for one in rare_remarks(lost, np.zeros(3000), True))
     # in two variables samples from farther out have looked; of one part there is no sign that there are more
     assert not find(both_sides, 2, 2000, 1).may_have_lost_parts

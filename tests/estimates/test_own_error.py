@@ -32,7 +32,8 @@ def test_a_mean_of_errors_is_told_beside_the_mean_and_small_errors_are_not() -> 
     assert "(1 checked sample)" in told(values, np.append(0.4, np.full(49, np.nan)))
     # one tells of no deviation, and its error is named beside that where it is a good part
     assert "deviation, quantiles of force, of 0.445 N" in told(values, np.append(0.4, np.full(49, np.nan)))
-    assert "quantiles of force" not in told(values, np.append(0.05, np.full(49, np.nan)))
+    assert "errors up to 0.05 N" in told(values, np.append(0.05, np.full(49, np.nan)))
+    assert told(values, np.append(0.02, np.full(49, np.nan))).startswith("note: ")
 
 
 def test_errors_of_full_order_samples_are_the_steps_and_not_cured_by_full_order_runs() -> None:

@@ -1,5 +1,7 @@
 """``pgmp`` with commands that end in every possible way. Used by test_cli_frame.py."""
 
+from __future__ import annotations  # the declaration of commands reads annotations as text
+
 import sys
 import time
 from os import PathLike

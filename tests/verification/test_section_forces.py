@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
-from length_scenes import long_crank
+from length_scenes import long_crank, numbered
 from mpi4py import MPI
 from runs import full_model, reduced_model, rom_of
 from sealed import resealed
@@ -82,6 +82,17 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     for name in ("crank_force", "crank_shear", "rod_force"):
         exact = reference.outputs[name]
         assert np.max(np.abs(worse.outputs[name] - exact)) > 3.0 * np.max(np.abs(found.outputs[name] - exact)), name
+
+
+def test_what_is_left_at_the_nominal_parameters_is_interpolation_over_the_angles() -> None:
+    """Axial forces are 2.9 and 1.7 % of their largest values off with 48 angles, 0.38 and 0.14 % with 96."""
+    late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
+    changed = (*FORCES[:2], late, "effects.weight.acceleration=1e-9", "simulation.duration=0.25")
+    coarse, fine = (reduced_model(numbered(0.7, *changed, f"reduction.angles={n}")) for n in (48, 96))
+    reference = run(full_model(coarse.scene)).outputs
+    for name in ("rod_force", "crank_force"):
+        worse, better = (np.max(np.abs(run(one).outputs[name] - reference[name])) for one in (coarse, fine))
+        assert better < min(0.006 * np.max(np.abs(reference[name])), worse / 5.0), name
 
 
 def test_nothing_is_missed_at_the_nominal_parameters() -> None:
