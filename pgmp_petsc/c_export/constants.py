@@ -73,68 +73,40 @@ class Along:
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """All that a model in C is made of.
+    """All that a model in C is made of."""
 
-    Attributes
-    ----------
-    name
-        Of the scene.
-    settings
-        Whole numbers and numbers of ``sizes.h`` by name.
-    tables
-        Arrays of ``tables.c`` by name.
-    axes
-        Of the tables' coordinates, by name.
-    weights, load_weights
-        Monomials of the terms and of the load terms.
-    laws
-        Parameters of the laws of the local effects.
-    parameters
-        Nominal values, or those that were set, by name.
-    served
-        Ranges that the model was built for, by name.
-    strengths, motions
-        Pieces over time of what loads and drives, by the effect's name, and of the coordinates, none of a free one.
-    load_of_term, strength_of_load
-        Number of the load of each load term, and of the strength of each load.
-    coordinate_names
-        Of the rigid coordinates.
-    coordinates, closure, closure_wanted
-        What measures the coordinates, what holds the bodies together, and the values that this has.
-    actions, action_slots
-        Local effects, and the slots of their nodes.
-    outputs
-        By name.
-    output_units, strength_units, parameter_units
-        By name; empty where nothing says which.
-    node_bodies
-        Body of every node of the tables.
-    """
-
-    name: str
-    settings: Mapping[str, int | float]
-    tables: Mapping[str, np.ndarray]
-    axes: Mapping[str, Sequence[Along]]
+    name: str  # of the scene
+    settings: Mapping[str, int | float]  # whole numbers and numbers of ``sizes.h`` by name
+    tables: Mapping[str, np.ndarray]  # arrays of ``tables.c`` by name
+    axes: Mapping[str, Sequence[Along]]  # of the tables' coordinates, by name
+    #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
-    laws: Sequence[Sequence[Quantity]]
-    parameters: Mapping[str, float]
-    served: Mapping[str, Served]
+    laws: Sequence[Sequence[Quantity]]  # parameters of the laws of the local effects
+    parameters: Mapping[str, float]  # nominal values, or those that were set, by name
+    served: Mapping[str, Served]  # ranges that the model was built for, by name
+    #: strengths, motions: pieces over time of what loads and drives, by the effect's name, and of the coordinates, none
+    #: of a free one
     strengths: Mapping[str, Sequence[Piece]]
     motions: Sequence[Sequence[Piece]]
+    #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
     load_of_term: Sequence[int]
     strength_of_load: Sequence[int]
-    coordinate_names: Sequence[str]
+    coordinate_names: Sequence[str]  # of the rigid coordinates
+    #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
+    #: values that this has
     coordinates: Sequence[StatementInC]
     closure: Sequence[StatementInC]
     closure_wanted: Sequence[float]
+    #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
-    outputs: Mapping[str, Output]
+    outputs: Mapping[str, Output]  # by name
+    #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
     strength_units: Mapping[str, str]
     parameter_units: Mapping[str, str]
-    node_bodies: Sequence[int]
+    node_bodies: Sequence[int]  # body of every node of the tables
 
     @property
     def free(self) -> list[str]:
@@ -146,15 +118,12 @@ class Constants:
 def constants_of(model: ReducedModel, what: str) -> Constants:
     """Collect the constants of a reduced model.
 
+    Raises `InputError` if the model has what a model in C does not have, or tables too large for a source file.
+
     Parameters
     ----------
     what
         What is to be written, for messages.
-
-    Raises
-    ------
-    InputError
-        If the model has what a model in C does not have, or tables too large for a source file.
     """
     scene = checked_scene(model.scene, what)
     if scene is not model.scene:

@@ -29,19 +29,7 @@ FLAGS = (
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable: name, value reference, kind (`REAL`, `WHOLE`, `BOOLEAN`), what FMI says of it, and a description.
-
-    Attributes
-    ----------
-    start
-        Value at the start, of what can be set.
-    derivative_of
-        Reference of the state whose derivative it is.
-    unit
-        SI unit, empty where there is none.
-    low, high
-        Ends of the range that it is in, or that the model was built for; infinite where there are none.
-    """
+    """A variable: name, value reference, kind (`REAL`, `WHOLE`, `BOOLEAN`), what FMI says of it, and a description."""
 
     name: str
     reference: int
@@ -49,9 +37,10 @@ class Variable:
     causality: str
     variability: str
     about: str
-    start: str = ""
-    derivative_of: int | None = None
-    unit: str = ""
+    start: str = ""  # value at the start, of what can be set
+    derivative_of: int | None = None  # reference of the state whose derivative it is
+    unit: str = ""  # SI unit, empty where there is none
+    #: low, high: ends of the range that it is in, or that the model was built for; infinite where there are none
     low: float = -math.inf
     high: float = math.inf
 

@@ -48,12 +48,8 @@ def read_common(name: str) -> str:
 def write_sources(constants: Constants, folder: str | Path) -> int:
     """Write a model in C into a folder, made if there is none, and return the number of bytes; one process.
 
-    Raises
-    ------
-    InputError
-        If the folder cannot be made, or a file in it is not of this program.
-    RunError
-        If the system fails to write.
+    Raises `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system
+    fails to write.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():

@@ -21,10 +21,7 @@ from pgmp_petsc.scene.schema import Scene
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     """Return the effects that a scene names and that act by forces, in its order, and what holds coordinates at first.
 
-    Raises
-    ------
-    InputError
-        If an effect names a point that its body's mesh does not have.
+    Raises `InputError` if an effect names a point that its body's mesh does not have.
     """
     named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"

@@ -29,37 +29,21 @@ from pgmp_petsc.scene.effects import LawMismatch
 class Action:
     """A force law on a statement about two attachments.
 
-    Attributes
-    ----------
-    effect
-        Name of the effect that it belongs to.
-    statement
-        What is measured.
-    a, b
-        The attachments whose frames are measured.
-    law
-        The law.
-    parameters
-        Of the law, in its order.
-    amplitude
-        Of a source over time, s; None for other laws.
-    coordinate
-        Number of the coordinate that an angle is, -1 where it is none.
-
     Raises
     ------
     LawMismatch
         If the law has other parameters; with the file and line of who makes the action.
     """
 
-    effect: str
-    statement: Statement
+    effect: str  # name of the effect that it belongs to
+    statement: Statement  # what is measured
+    #: a, b: the attachments whose frames are measured
     a: Attachment
     b: Attachment
-    law: Law
-    parameters: tuple[Quantity, ...]
-    amplitude: TimeFunction | None = None
-    coordinate: int = -1
+    law: Law  # the law
+    parameters: tuple[Quantity, ...]  # of the law, in its order
+    amplitude: TimeFunction | None = None  # of a source over time, s; None for other laws
+    coordinate: int = -1  # number of the coordinate that an angle is, -1 where it is none
 
     def __post_init__(self) -> None:
         if len(self.parameters) != len(self.law.parameters):
@@ -84,21 +68,11 @@ class Action:
 
 
 class Actions(NamedTuple):
-    """Local effects of a batch of samples, as compiled functions take them.
+    """Local effects of a batch of samples, as compiled functions take them."""
 
-    Attributes
-    ----------
-    statements
-        What they measure.
-    laws
-        The laws.
-    parameters
-        Of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most.
-    """
-
-    statements: NodeStatements
-    laws: Laws
-    parameters: np.ndarray
+    statements: NodeStatements  # what they measure
+    laws: Laws  # the laws
+    parameters: np.ndarray  # of the laws, shape (n_actions, n_samples, n_parameters), those of the law that has most
 
 
 def compile_actions(

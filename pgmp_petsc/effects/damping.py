@@ -61,19 +61,12 @@ SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and 
 
 @dataclass(frozen=True)
 class BodyDamping:
-    """Damping of one body.
+    """Damping of one body."""
 
-    Attributes
-    ----------
-    stiffness, mass
-        beta (s) and alpha (1/s).
-    ratios
-        ``zeta_i`` of its first elastic free modes.
-    """
-
+    #: stiffness, mass: beta (s) and alpha (1/s)
     stiffness: float = 0.0
     mass: float = 0.0
-    ratios: tuple[float, ...] = ()
+    ratios: tuple[float, ...] = ()  # ``zeta_i`` of its first elastic free modes
 
 
 _OF_DAMPING = no_parameter(
@@ -190,27 +183,14 @@ class BodiesDamping(Effect):
 
 @dataclass(frozen=True)
 class ModalDamping:
-    """Modal damping of one body.
+    """Modal damping of one body."""
 
-    Attributes
-    ----------
-    effect
-        Name of the effect.
-    body
-        Number of the body.
-    dofs
-        Its unknowns that are damped, node after node, shape (n_own,).
-    factor
-        P in the body's frame, velocities and spins node after node, shape (n_rows, n_modes).
-    levers
-        What R is measured by: where nodes have rotations of their own their shares in the body's mass, shape (n_nodes,
-        1), and on a mesh ``M X'``, shape (n_nodes, d), kg m.
-    """
-
-    effect: str
-    body: int
-    dofs: np.ndarray
-    factor: np.ndarray
+    effect: str  # name of the effect
+    body: int  # number of the body
+    dofs: np.ndarray  # its unknowns that are damped, node after node, shape (n_own,)
+    factor: np.ndarray  # p in the body's frame, velocities and spins node after node, shape (n_rows, n_modes)
+    #: what R is measured by: where nodes have rotations of their own their shares in the body's mass, shape (n_nodes,
+    #: 1), and on a mesh ``M X'``, shape (n_nodes, d), kg m
     levers: np.ndarray
 
 
@@ -219,10 +199,7 @@ def modal_damping(
 ) -> tuple[ModalDamping, ...]:
     """Return the modal damping of all bodies on their meshes that have one, for bodies as the unknowns are numbered.
 
-    Raises
-    ------
-    InputError
-        If a body's mesh has fewer modes than ratios are given.
+    Raises `InputError` if a body's mesh has fewer modes than ratios are given.
     """
     found = []
     for effect in effects:
@@ -239,10 +216,7 @@ def amplitude_damping(
     """Return, by the number of the body, the effect and ``2 zeta_i omega_i m_i`` of every amplitude, shape (n,), N s/m,
     of bodies in floating frames.
 
-    Raises
-    ------
-    InputError
-        If a body has fewer component modes than ratios are given.
+    Raises `InputError` if a body has fewer component modes than ratios are given.
     """
     found = {}
     for effect in effects:
@@ -289,6 +263,8 @@ def free_modes(
 ) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
     """Compute the first elastic modes of a body.
 
+    Raises `InputError` if the mesh has fewer modes.
+
     Parameters
     ----------
     body
@@ -308,11 +284,6 @@ def free_modes(
         M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `Body.own_dofs`.
     mass
         M, shape (n_own, n_own).
-
-    Raises
-    ------
-    InputError
-        If the mesh has fewer modes.
     """
     alone = body.alone()
     own = alone.own_dofs

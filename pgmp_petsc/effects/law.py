@@ -69,24 +69,16 @@ COMPLETE = True
 
 
 class Found(NamedTuple):
-    """A law in a state.
+    """A law in a state."""
 
-    Attributes
-    ----------
-    force, stiffness, damping
-        F, ``-dF/ds`` and ``-dF/ds'``.
-    elastic, stored
-        Of its elastic part the force ``-dV/ds`` and the potential energy V, J.
-    about
-        Rate about which it is linearised, NaN where that was zero instead of the iterate's own.
-    """
-
+    #: force, stiffness, damping: f, ``-dF/ds`` and ``-dF/ds'``
     force: float
     stiffness: float
     damping: float
+    #: elastic, stored: of its elastic part the force ``-dV/ds`` and the potential energy V, J
     elastic: float
     stored: float
-    about: float
+    about: float  # rate about which it is linearised, NaN where that was zero instead of the iterate's own
 
 
 _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
@@ -96,40 +88,22 @@ _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
 class Law(Printed):
     """A force law on a measure s.
 
-    Attributes
-    ----------
-    name
-        Of the law.
-    parameters
-        Names of its parameters.
-    force
-        Expression of s, rate, amplitude, elastic and the parameters.
-    potential
-        Of the elastic part, expression of s and the parameters.
-    edges
-        Expressions of s and the parameters that are positive beyond an edge.
-    about_zero
-        Expression of the parameters: the rate from beyond which an iterate that crosses zero is taken up from there;
-        empty for laws whose iterates are not.
-    left_out
-        Why a force of this law is not in the stiffness of vibrations; empty where none is looked for.
-    place
-        File and line of the declaration.
-
     Raises
     ------
     InputError
         If an expression is none, or names what is not declared.
     """
 
-    name: str
-    parameters: tuple[str, ...]
-    force: str
-    potential: str = "0"
-    edges: tuple[str, ...] = ()
+    name: str  # of the law
+    parameters: tuple[str, ...]  # names of its parameters
+    force: str  # expression of s, rate, amplitude, elastic and the parameters
+    potential: str = "0"  # of the elastic part, expression of s and the parameters
+    edges: tuple[str, ...] = ()  # expressions of s and the parameters that are positive beyond an edge
+    #: expression of the parameters: the rate from beyond which an iterate that crosses zero is taken up from there;
+    #: empty for laws whose iterates are not
     about_zero: str = ""
-    left_out: str = ""
-    place: str = field(init=False)
+    left_out: str = ""  # why a force of this law is not in the stiffness of vibrations; empty where none is looked for
+    place: str = field(init=False)  # file and line of the declaration
 
     def __post_init__(self) -> None:
         caller = sys._getframe(2)
@@ -148,13 +122,7 @@ class Law(Printed):
 
     @functools.cached_property
     def code(self) -> ModuleType:
-        """The module that is printed from the declaration.
-
-        Raises
-        ------
-        InputError
-            If the force is not finite.
-        """
+        """The module that is printed from the declaration. Raises `InputError` if the force is not finite."""
         *declaration, place = astuple(self)
         key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions"), declaration))
         found = kept(self.name, key, Path(self.file), self._printed)
@@ -280,21 +248,11 @@ def _rows(values: Sequence[str], n: int) -> str:
 
 
 class Laws(NamedTuple):
-    """The laws of some actions, as compiled functions take them.
+    """The laws of some actions, as compiled functions take them."""
 
-    Attributes
-    ----------
-    addresses
-        Of their functions, shape (n_actions,).
-    taken_up
-        Whether an iterate may be taken up from zero, (n_actions,).
-    edges
-        Number of the first edge of each among those of all, (n_actions + 1,).
-    """
-
-    addresses: np.ndarray
-    taken_up: np.ndarray
-    edges: np.ndarray
+    addresses: np.ndarray  # of their functions, shape (n_actions,)
+    taken_up: np.ndarray  # whether an iterate may be taken up from zero, (n_actions,)
+    edges: np.ndarray  # number of the first edge of each among those of all, (n_actions + 1,)
 
     @classmethod
     def of(cls, laws: Sequence[Law]) -> Laws:

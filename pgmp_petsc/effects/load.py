@@ -11,26 +11,14 @@ from pgmp_petsc.bodies.affine import Monomial
 
 @dataclass(frozen=True)
 class Load:
-    """One affine load term.
+    """One affine load term."""
 
-    Attributes
-    ----------
-    effect
-        Name of the effect it belongs to.
-    weight
-        Its parameter dependence.
-    vector
-        Nodal forces (N) and couples (N m), for the rows of the matrices it was made with.
-    body_force
-        Of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is
-        their product where nodes are all there is, and a condensed body takes their product in its own frame. None of
-        others.
-    in_bodies
-        Whether the vector is constant in the frames of the bodies; otherwise in the inertial frame.
-    """
-
-    effect: str
-    weight: Monomial
-    vector: np.ndarray
+    effect: str  # name of the effect it belongs to
+    weight: Monomial  # its parameter dependence
+    vector: np.ndarray  # nodal forces (N) and couples (N m), for the rows of the matrices it was made with
+    #: of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is
+    #: their product where nodes are all there is, and a condensed body takes their product in its own frame. None of
+    #: others.
     body_force: tuple[Monomial, np.ndarray] | None = None
+    #: whether the vector is constant in the frames of the bodies; otherwise in the inertial frame
     in_bodies: bool = False

@@ -15,20 +15,12 @@ from pgmp_petsc.scene.numerics import Reduction
 
 @dataclass(frozen=True, eq=False)
 class Patterns:
-    """The forces that some effects are made of.
+    """The forces that some effects are made of."""
 
-    Attributes
-    ----------
-    fixed
-        Vectors that do not change with the configuration, local rows, shape (n_local, n_fixed).
-    turning
-        Actions whose forces turn in body frames with the configuration; one vector each (`UnitForces`).
-    elastic
-        Numbers of the vectors among `fixed` that are forces of linear springs, shape (n_elastic,).
-    """
-
-    fixed: np.ndarray
+    fixed: np.ndarray  # vectors that do not change with the configuration, local rows, shape (n_local, n_fixed)
+    #: actions whose forces turn in body frames with the configuration; one vector each (`UnitForces`)
     turning: tuple[Action, ...] = ()
+    #: numbers of the vectors among `fixed` that are forces of linear springs, shape (n_elastic,)
     elastic: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @property

@@ -62,18 +62,10 @@ WHERE = {2: "in the plane", 3: "in space"}
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Stiffness between a few unknowns.
+    """Stiffness between a few unknowns."""
 
-    Attributes
-    ----------
-    dofs
-        Their numbers, shape (n,).
-    matrix
-        Symmetric, shape (n, n), N/m, N, N m.
-    """
-
-    dofs: np.ndarray
-    matrix: np.ndarray
+    dofs: np.ndarray  # their numbers, shape (n,)
+    matrix: np.ndarray  # symmetric, shape (n, n), N/m, N, N m
 
 
 def linear_springs(actions: Sequence[Action]) -> tuple[Action, ...]:

@@ -22,27 +22,14 @@ from pgmp_petsc.scene.fields import Harmonic, LoadHarmonic, LoadTable
 
 
 class TimeFunctions(NamedTuple):
-    """Several functions of time, the pieces of one behind those of the other.
+    """Several functions of time, the pieces of one behind those of the other."""
 
-    Attributes
-    ----------
-    firsts
-        Number of the first piece of each function, and the number of all, shape (n + 1,).
-    begins
-        From which instant on a piece holds, s; minus infinity for the first one of a function, shape (n_pieces,).
-    origins
-        From where a piece counts time, s, shape (n_pieces,).
-    cubics
-        c_0 to c_3 of each piece, shape (n_pieces, 4).
-    waves
-        a, w (rad/s) and p (rad) of each piece, shape (n_pieces, 3).
-    """
-
-    firsts: np.ndarray
+    firsts: np.ndarray  # number of the first piece of each function, and the number of all, shape (n + 1,)
+    #: from which instant on a piece holds, s; minus infinity for the first one of a function, shape (n_pieces,)
     begins: np.ndarray
-    origins: np.ndarray
-    cubics: np.ndarray
-    waves: np.ndarray
+    origins: np.ndarray  # from where a piece counts time, s, shape (n_pieces,)
+    cubics: np.ndarray  # c_0 to c_3 of each piece, shape (n_pieces, 4)
+    waves: np.ndarray  # a, w (rad/s) and p (rad) of each piece, shape (n_pieces, 3)
 
 
 class Piece(NamedTuple):

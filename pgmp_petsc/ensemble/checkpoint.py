@@ -108,12 +108,8 @@ class Checkpoint:
     def open(self) -> Finished:
         """Start anew, or take up what is there if the plan says so.
 
-        A piece that is damaged, of another run or in no place of this one is set aside, with a remark.
-
-        Raises
-        ------
-        InputError
-            If what is there belongs to another run.
+        A piece that is damaged, of another run or in no place of this one is set aside, with a remark. Raises
+        `InputError` if what is there belongs to another run.
         """
         started = self._folder.open(self._plan.resume)
         samples, of_samples = self._taken_up(SAMPLES)
@@ -161,10 +157,7 @@ class Checkpoint:
     def columns(self) -> Columns:
         """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``.
 
-        Raises
-        ------
-        RunError
-            As `batches`, or if the system fails to write.
+        Raises `RunError`, as `batches`, or if the system fails to write.
         """
         begin = self._plan.samples[0]
         columns = Columns(self.folder, self._end - begin)
@@ -177,10 +170,7 @@ class Checkpoint:
     def bands(self, n: int) -> dict[str, np.ndarray]:
         """Return the outputs of the first n samples at the instants of the bands, each (n, n_t); NaN where one failed.
 
-        Raises
-        ------
-        RunError
-            As `batches`.
+        Raises `RunError`, as `batches`.
         """
         parts: dict[str, list[np.ndarray]] = {}
         for batch in self.batches(("bands",)):
@@ -197,10 +187,7 @@ class Checkpoint:
     def batches(self, parts: Sequence[str] = NAMED) -> Iterator[Batch]:
         """Yield parts of the pieces in the order of their samples, which are those of the plan, each once.
 
-        Raises
-        ------
-        RunError
-            If samples are missing, there twice, or damaged.
+        Raises `RunError` if samples are missing, there twice, or damaged.
         """
         (begin, _), end = self._plan.samples, self._end
         place = begin
@@ -301,10 +288,7 @@ class Columns(Mapping[str, np.ndarray]):
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
         """Put in what is known of samples first, first + 1, and so on.
 
-        Raises
-        ------
-        RunError
-            If the system fails to write.
+        Raises `RunError` if the system fails to write.
         """
         with self._written():
             for name, values in columns.items():

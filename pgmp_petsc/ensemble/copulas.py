@@ -35,23 +35,12 @@ POINTS = 100  # of Gauss's quadrature of Debye's function
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """The copula of correlated parameters.
+    """The copula of correlated parameters."""
 
-    Attributes
-    ----------
-    factor
-        L of the correlation matrix ``L L^T``, shape (d, d).
-    joined
-        Numbers of the parameters that a coefficient names, in order.
-    copula
-        Its name.
-    number
-        Degrees of freedom of Student's copula, theta of an Archimedean one; NaN of the Gaussian one, which has none.
-    """
-
-    factor: np.ndarray
-    joined: np.ndarray
-    copula: str
+    factor: np.ndarray  # l of the correlation matrix ``L L^T``, shape (d, d)
+    joined: np.ndarray  # numbers of the parameters that a coefficient names, in order
+    copula: str  # its name
+    #: degrees of freedom of Student's copula, theta of an Archimedean one; NaN of the Gaussian one, which has none
     number: float
 
     def applied(self, uniform: np.ndarray) -> np.ndarray:

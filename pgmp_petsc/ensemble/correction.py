@@ -22,21 +22,11 @@ from pgmp_petsc.stepping.status import Status
 
 @dataclass(frozen=True)
 class Better:
-    """A better model than that of an ensemble, and how many samples of it are wanted.
+    """A better model than that of an ensemble, and how many samples of it are wanted."""
 
-    Attributes
-    ----------
-    name
-        As it was asked for: ``full``, ``full/4``.
-    model
-        Its scene is that of the ensemble, but for the step.
-    count
-        None where measured costs and correlations are to decide.
-    """
-
-    name: str
-    model: Model
-    count: int | None
+    name: str  # as it was asked for: ``full``, ``full/4``
+    model: Model  # its scene is that of the ensemble, but for the step
+    count: int | None  # none where measured costs and correlations are to decide
 
     @property
     def key(self) -> str:

@@ -356,27 +356,13 @@ def _estimate_remarks(
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of samples: the model and its scene.
+    """Origin of samples: the model and its scene."""
 
-    Attributes
-    ----------
-    model
-        ``full``, ``components`` or ``reduced``.
-    scene
-        The scene of the run.
-    units
-        Of the outputs, by name.
-    not_estimated
-        What is to be said of errors that are not estimated.
-    checked_share
-        Of the samples whose errors are estimated.
-    """
-
-    model: str
-    scene: Scene
-    units: dict[str, str]
-    not_estimated: tuple[Remark, ...]
-    checked_share: float
+    model: str  # ``full``, ``components`` or ``reduced``
+    scene: Scene  # the scene of the run
+    units: dict[str, str]  # of the outputs, by name
+    not_estimated: tuple[Remark, ...]  # what is to be said of errors that are not estimated
+    checked_share: float  # of the samples whose errors are estimated
 
     @classmethod
     def of(cls, model: Model) -> Origin:

@@ -43,27 +43,13 @@ ON_BORDER = 0.15  # distance between a plane's nearest point and the border
 
 @dataclass(frozen=True, eq=False)
 class DesignPoints:
-    """Design points, the most likely one first.
+    """Design points, the most likely one first."""
 
-    Attributes
-    ----------
-    points
-        u, shape (n_points, d).
-    alpha
-        Unit vectors along which g falls there, shape (n_points, d).
-    n_runs
-        Evaluations of g, and of its derivatives, that were taken.
-    is_exact
-        Whether derivatives are exact, not differences.
-    is_open
-        Whether the last searches still found new ones when evaluations ended.
-    """
-
-    points: np.ndarray
-    alpha: np.ndarray
-    n_runs: int
-    is_exact: bool
-    is_open: bool = False
+    points: np.ndarray  # u, shape (n_points, d)
+    alpha: np.ndarray  # unit vectors along which g falls there, shape (n_points, d)
+    n_runs: int  # evaluations of g, and of its derivatives, that were taken
+    is_exact: bool  # whether derivatives are exact, not differences
+    is_open: bool = False  # whether the last searches still found new ones when evaluations ended
 
     @property
     def beta(self) -> np.ndarray:

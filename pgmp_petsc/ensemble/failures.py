@@ -7,7 +7,7 @@ distance from the median for both ends or the middle.
 
 A second try takes over the samples that are fine as they are, and integrates the others with the scene's step and,
 where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8
-(`stepping.generalised_alpha`): the file is what one run with so many attempts gives. """
+(`stepping.generalised_alpha`): the file is what one run with so many attempts gives."""
 
 from __future__ import annotations
 
@@ -162,21 +162,13 @@ SAME_DRAW = 1e-9  # of a value: machines differ in the last digits of distributi
 
 @dataclass(frozen=True)
 class Earlier:
-    """An ensemble whose failed samples are tried again.
+    """An ensemble whose failed samples are tried again."""
 
-    Attributes
-    ----------
-    path
-        Its file.
-    n_samples, n_failed
-        Of it.
-    seed, file
-        Where its samples are from: one of the two.
-    """
-
-    path: Path
+    path: Path  # its file
+    #: n_samples, n_failed: of it
     n_samples: int
     n_failed: int
+    #: seed, file: where its samples are from: one of the two
     seed: int
     file: SampleFile | None
 
@@ -197,10 +189,7 @@ def has_steps_left(status: np.ndarray, divisors: np.ndarray) -> bool:
 def read_earlier(path: Path, model: Model) -> Earlier:
     """Return what a file says, without its samples. By one process.
 
-    Raises
-    ------
-    InputError
-        If it is no ensemble of this scene and model, or nothing in it can be tried again.
+    Raises `InputError` if it is no ensemble of this scene and model, or nothing in it can be tried again.
     """
     found = Ensemble.read(path)
     n_failed = int(np.sum(found.status != Status.FINE))

@@ -56,23 +56,12 @@ AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
 
 @dataclass(frozen=True, eq=False)
 class KernelDensity:
-    """Normal kernels.
+    """Normal kernels."""
 
-    Attributes
-    ----------
-    centres
-        Shape (m, d).
-    shares
-        Of the kernels, shape (m,), 1 in sum.
-    deviations
-        Of each variable in the kernels, shape (m,).
-    roots
-        Symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d).
-    """
-
-    centres: np.ndarray
-    shares: np.ndarray
-    deviations: np.ndarray
+    centres: np.ndarray  # shape (m, d)
+    shares: np.ndarray  # of the kernels, shape (m,), 1 in sum
+    deviations: np.ndarray  # of each variable in the kernels, shape (m,)
+    #: symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d)
     roots: np.ndarray | None = None
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
@@ -109,28 +98,15 @@ class KernelDensity:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Kernels, and the standard normal density outside a ball and beyond planes.
+    """Kernels, and the standard normal density outside a ball and beyond planes."""
 
-    Attributes
-    ----------
-    kernels
-        Normal kernels.
-    outside
-        Probability of outside the ball.
-    share
-        Of samples from there, of those that are not from beyond planes.
-    alpha, beta
-        Unit vectors (n_planes, d) and distances (n_planes,) of planes ``alpha . u = beta``.
-    beyond
-        Share of samples from beyond them.
-    """
-
-    kernels: KernelDensity
-    outside: float
-    share: float
+    kernels: KernelDensity  # normal kernels
+    outside: float  # probability of outside the ball
+    share: float  # of samples from there, of those that are not from beyond planes
+    #: alpha, beta: unit vectors (n_planes, d) and distances (n_planes,) of planes ``alpha . u = beta``
     alpha: np.ndarray | None = None
     beta: np.ndarray | None = None
-    beyond: float = 0.0
+    beyond: float = 0.0  # share of samples from beyond them
 
     @property
     def _squared_radius(self) -> float:

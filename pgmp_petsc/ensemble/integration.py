@@ -92,10 +92,7 @@ class Integration:
     def up_to(self, n: int) -> int:
         """Integrate what is missing of the plan's samples before sample n; return how many these were.
 
-        Raises
-        ------
-        RunError
-            If the system fails to write.
+        Raises `RunError` if the system fails to write.
         """
         model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
         todo = missing([(first, n)], self._finished.samples)

@@ -61,25 +61,16 @@ FEW_DISAGREEMENTS = 5  # below, measured intervals of probabilities hold in 97 t
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with its variance.
+    """A mean with its variance."""
 
-    Attributes
-    ----------
-    value, variance
-        The estimate and the variance of its error.
-    freedom
-        Degrees of freedom of the variance.
-    coefficients, correlations
-        Of the cheaper models with the best one, each (k - 1,).
-    apart
-        Of replicates: the estimate as of independent samples, and the part that its interval has (`parts_of_tails`).
-    """
-
+    #: value, variance: the estimate and the variance of its error
     value: float
     variance: float
-    freedom: float
+    freedom: float  # degrees of freedom of the variance
+    #: coefficients, correlations: of the cheaper models with the best one, each (k - 1,)
     coefficients: np.ndarray
     correlations: np.ndarray
+    #: of replicates: the estimate as of independent samples, and the part that its interval has (`parts_of_tails`)
     apart: tuple[Estimate, float] | None = None
 
     def reach(self, confidence: float) -> float:
@@ -345,6 +336,9 @@ def allot(
 ) -> tuple[list[int], int]:
     """Integrate as many samples of all models as the budget pays for. Collective.
 
+    Raises `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples
+    are not known, or do not vary.
+
     Parameters
     ----------
     given
@@ -356,13 +350,6 @@ def allot(
     -------
     list of int, int
         Numbers of samples of the better models, and of the ensemble's own.
-
-    Raises
-    ------
-    InputError
-        If the budget does not pay for what is given.
-    RunError
-        If the outputs of the pilot's samples are not known, or do not vary.
     """
     comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)

@@ -97,62 +97,31 @@ ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioan
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A level of subset simulation.
+    """A level of subset simulation."""
 
-    Attributes
-    ----------
-    threshold
-        On g, 0 of the last one.
-    share
-        Of the samples before that pass it.
-    accepted
-        Share of the steps of its chains that were accepted.
-    before
-        g of the samples before, shape (n,); infinite where the run failed.
-    is_afar
-        Whether its first points are from samples of larger deviations, of which the share is a guess.
-    variation
-        Coefficient of variation of the share, from its chains; NaN of a guess.
-    """
-
-    threshold: float
-    share: float
-    accepted: float
-    before: np.ndarray
+    threshold: float  # on g, 0 of the last one
+    share: float  # of the samples before that pass it
+    accepted: float  # share of the steps of its chains that were accepted
+    before: np.ndarray  # g of the samples before, shape (n,); infinite where the run failed
+    #: whether its first points are from samples of larger deviations, of which the share is a guess
     is_afar: bool = False
-    variation: float = np.nan
+    variation: float = np.nan  # coefficient of variation of the share, from its chains; NaN of a guess
 
 
 @dataclass(frozen=True, eq=False)
 class RareSamples:
-    """Samples and what follows from them.
+    """Samples and what follows from them."""
 
-    Attributes
-    ----------
-    levels
-        Of subset simulation; the last one's threshold is 0 where the event was reached.
-    points
-        u of all samples in the order in which they were evaluated, shape (n, d).
-    limit_state
-        g of them, shape (n,); NaN where the run failed.
-    weights
-        Of those of importance sampling that count, which are the last ones, shape (n_weighted,): ``phi / q`` by the
-        weight of the round.
-    rounds
-        Numbers of samples of the rounds that count; their sum is n_weighted.
-    weighed
-        Threshold on g of what was weighed: above 0 where the event was not reached, and the level before it was.
-    design
-        Design points of the event; None where none was looked for.
-    """
-
-    levels: tuple[Level, ...]
-    points: np.ndarray
-    limit_state: np.ndarray
+    levels: tuple[Level, ...]  # of subset simulation; the last one's threshold is 0 where the event was reached
+    points: np.ndarray  # u of all samples in the order in which they were evaluated, shape (n, d)
+    limit_state: np.ndarray  # g of them, shape (n,); NaN where the run failed
+    #: of those of importance sampling that count, which are the last ones, shape (n_weighted,): ``phi / q`` by the
+    #: weight of the round
     weights: np.ndarray
-    rounds: tuple[int, ...]
+    rounds: tuple[int, ...]  # numbers of samples of the rounds that count; their sum is n_weighted
+    #: threshold on g of what was weighed: above 0 where the event was not reached, and the level before it was
     weighed: float = 0.0
-    design: DesignPoints | None = None
+    design: DesignPoints | None = None  # design points of the event; None where none was looked for
 
     @property
     def reached(self) -> bool:

@@ -53,13 +53,7 @@ APART = 3.0  # factor between what levels and weights say, beyond which one of t
 
 
 def event_of(text: str, scene: Scene) -> Event:
-    """Return the event that is meant.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return the event that is meant. Raises `InputError` if it is none."""
     labels = scene.ensemble.probabilities
     if text.strip() in labels:
         return labels[text.strip()]
@@ -87,17 +81,13 @@ def event_of(text: str, scene: Scene) -> Event:
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: MPI.Comm) -> RareEvent | None:
     """Find the probability of an event with at most n samples. Collective on `comm`.
 
+    Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
+    be integrated at all.
+
     Returns
     -------
     RareEvent or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError
-        If no parameter has a distribution, or there are too few samples.
-    RunError
-        If samples cannot be integrated at all.
     """
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")

@@ -35,7 +35,9 @@ def run_ensemble(
 ) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
-    Groups of several ranks share one full-order sample at a time.
+    Groups of several ranks share one full-order sample at a time. Raises `InputError` if the checkpoint to resume
+    belongs to another scene, model, seed or number of samples; `RunError` if the finished batches are not all samples,
+    each once.
 
     Parameters
     ----------
@@ -50,13 +52,6 @@ def run_ensemble(
     -------
     Ensemble, or ShardSamples of a shard, or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    InputError
-        If the checkpoint to resume belongs to another scene, model, seed or number of samples.
-    RunError
-        If the finished batches are not all samples, each once.
     """
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")

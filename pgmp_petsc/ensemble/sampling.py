@@ -136,15 +136,9 @@ OF_ORDER, OF_SCRAMBLE, OF_BLOCKS, OF_RARE = 0, 1, 2, 3  # first keys of streams 
 
 
 class Design(Protocol):
-    """Uniform numbers between 0 and 1 of numbered samples.
+    """Uniform numbers between 0 and 1 of numbered samples."""
 
-    Attributes
-    ----------
-    extends
-        Whether a longer run has the samples of a shorter one.
-    """
-
-    extends: bool
+    extends: bool  # whether a longer run has the samples of a shorter one
 
     def uniform(self, first: int, last: int) -> np.ndarray:
         """Return those of samples first to last - 1, shape (last - first, d)."""
@@ -378,13 +372,7 @@ class Sampler:
 
 
 def drawn_names(scene: Scene) -> list[str]:
-    """Return the parameters that are drawn, sorted.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the parameters that are drawn, sorted. Raises `InputError` if there is none."""
     names = uncertain_names(scene)
     if not names:
         raise InputError(

@@ -52,20 +52,11 @@ def in_words(event: Event, unit: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """How far outputs go in each sample.
+    """How far outputs go in each sample."""
 
-    Attributes
-    ----------
-    outputs
-        At the end, (N,).
-    extremes
-        Over time, ``<output>/max`` and ``min``, (N,), where these are known.
-    ends
-        Smallest and largest values at the instants of the bands, (2, n_known), of the first samples.
-    """
-
-    outputs: Columns
-    extremes: Columns
+    outputs: Columns  # at the end, (N,)
+    extremes: Columns  # over time, ``<output>/max`` and ``min``, (N,), where these are known
+    #: smallest and largest values at the instants of the bands, (2, n_known), of the first samples
     ends: Mapping[str, np.ndarray]
 
     def over_time(self, output: str, which: str) -> np.ndarray:

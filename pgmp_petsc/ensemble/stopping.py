@@ -74,30 +74,14 @@ TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class Rule:
-    """When a figure is known well enough.
+    """When a figure is known well enough."""
 
-    Attributes
-    ----------
-    text
-        As it was given.
-    kind
-        ``mean``, ``std`` or ``P``.
-    quantity
-        Of a moment: name of the quantity. Of a probability: label of a scene's event, or empty.
-    event
-        Of a probability of the end of the run that the rule itself gives.
-    wanted
-        Half the width of the interval at most.
-    relative
-        Whether it is a share of the figure.
-    """
-
-    text: str
-    kind: str
-    quantity: str
-    event: Event | None
-    wanted: float
-    relative: bool
+    text: str  # as it was given
+    kind: str  # ``mean``, ``std`` or ``P``
+    quantity: str  # of a moment: name of the quantity. Of a probability: label of a scene's event, or empty.
+    event: Event | None  # of a probability of the end of the run that the rule itself gives
+    wanted: float  # half the width of the interval at most
+    relative: bool  # whether it is a share of the figure
 
     @property
     def precision(self) -> str:
@@ -106,13 +90,7 @@ class Rule:
 
 
 def read_rule(text: str, scene: Scene) -> Rule:
-    """Read a rule.
-
-    Raises
-    ------
-    InputError
-        If it is none, with the place marked, or names what the scene does not have.
-    """
+    """Read a rule. Raises `InputError` if it is none, with the place marked, or names what the scene does not have."""
     return _Reader(text, scene).rule()
 
 
@@ -306,17 +284,11 @@ def are_met(rules: tuple[Rule, ...], seen: Seen) -> np.ndarray:
 
 @dataclass
 class Clock:
-    """Says how many samples a budget still pays for, by what the last ones took; rank 0 decides for all.
-
-    Attributes
-    ----------
-    seconds
-        Of a sample; None where that is not known.
-    """
+    """Says how many samples a budget still pays for, by what the last ones took; rank 0 decides for all."""
 
     stop: Stop
     comm: MPI.Comm
-    seconds: float | None = None
+    seconds: float | None = None  # of a sample; None where that is not known
 
     def affordable(self, unit: int) -> int:
         """Return how many more samples are within the budget, a multiple of `unit`. Collective."""

@@ -34,34 +34,19 @@ Found = dict[str, dict[str, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """A run of some samples that begins.
+    """A run of some samples that begins."""
 
-    Attributes
-    ----------
-    system, values
-        The system, and the parameter values of all its samples.
-    samples
-        Numbers of those that are watched: what is no mechanism at all is not.
-    simulation
-        Its steps.
-    """
-
+    #: system, values: the system, and the parameter values of all its samples
     system: SecondOrderSystem
     values: Mapping[str, np.ndarray]
-    samples: np.ndarray
-    simulation: Simulation
+    samples: np.ndarray  # numbers of those that are watched: what is no mechanism at all is not
+    simulation: Simulation  # its steps
 
 
 class Watch(Protocol):
-    """Looks at one run of some samples.
+    """Looks at one run of some samples."""
 
-    Attributes
-    ----------
-    observer
-        Takes in the states of the whole run.
-    """
-
-    observer: Observer
+    observer: Observer  # takes in the states of the whole run
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was found once the run has ended with the given status of all its samples.

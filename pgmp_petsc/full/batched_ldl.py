@@ -27,17 +27,11 @@ MOST_LISTED = 2**15  # products
 
 @dataclass(frozen=True)
 class Symbolic:
-    """Elimination order and fill pattern.
+    """Elimination order and fill pattern."""
 
-    Attributes
-    ----------
-    order
-        ``order[k]`` is the unknown eliminated k-th, shape (n,).
-    starts, rows
-        Columns of L below the diagonal in elimination order: column k holds ``rows[starts[k]:starts[k+1]]``.
-    """
-
-    order: np.ndarray
+    order: np.ndarray  # ``order[k]`` is the unknown eliminated k-th, shape (n,)
+    #: starts, rows: columns of L below the diagonal in elimination order: column k holds
+    #: ``rows[starts[k]:starts[k+1]]``
     starts: np.ndarray
     rows: np.ndarray
 

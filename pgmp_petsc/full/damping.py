@@ -29,23 +29,12 @@ from pgmp_petsc.runtime.compiled import njit
 
 @dataclass(frozen=True, eq=False)
 class BodyDampings:
-    """The damping of all bodies.
+    """The damping of all bodies."""
 
-    Attributes
-    ----------
-    rayleigh
-        Damping of each body that has Rayleigh's, by the body's number.
-    effects
-        Name of the effect that each of these belongs to, and each of those with amplitudes.
-    modal
-        Modal damping of bodies on their meshes.
-    amplitudes
-        Modal damping of bodies in floating frames, N s/m of each amplitude, by the body's number.
-    """
-
-    rayleigh: dict[int, BodyDamping]
-    effects: dict[int, str]
-    modal: tuple[ModalDamping, ...]
+    rayleigh: dict[int, BodyDamping]  # damping of each body that has Rayleigh's, by the body's number
+    effects: dict[int, str]  # name of the effect that each of these belongs to, and each of those with amplitudes
+    modal: tuple[ModalDamping, ...]  # modal damping of bodies on their meshes
+    #: modal damping of bodies in floating frames, N s/m of each amplitude, by the body's number
     amplitudes: dict[int, np.ndarray]
 
     @classmethod
@@ -53,11 +42,7 @@ class BodyDampings:
         """Collect the structural damping of all effects.
 
         `bodies` are the mechanism's with another numbering of their unknowns, where it is not the mechanism's own.
-
-        Raises
-        ------
-        InputError
-            If a body has fewer modes than ratios are given.
+        Raises `InputError` if a body has fewer modes than ratios are given.
         """
         rayleigh, names = {}, {}
         for effect in effects:
@@ -92,30 +77,15 @@ POLAR_STEPS = 12  # Newton's steps to a rotation: from a body's mean strain of 1
 
 
 class ModalFactors(NamedTuple):
-    """Modal damping of all bodies; body k has the nodes ``starts[k]`` to ``starts[k + 1]``.
+    """Modal damping of all bodies; body k has the nodes ``starts[k]`` to ``starts[k + 1]``."""
 
-    Attributes
-    ----------
-    starts
-        Shape (n_bodies + 1,).
-    kinds
-        What the nodes of each body have, shape (n_bodies,).
-    firsts
-        First unknown of every node, shape (n_nodes,).
-    factors
-        P in the body's frame, shape (n_nodes, 6, n_modes); zero where a node has fewer rows or a body fewer modes.
-    levers
-        What the body's rotation is measured by, shape (n_nodes, 3).
-    counted
-        Whether the power of a body is counted here, shape (n_bodies,).
-    """
-
-    starts: np.ndarray
-    kinds: np.ndarray
-    firsts: np.ndarray
+    starts: np.ndarray  # shape (n_bodies + 1,)
+    kinds: np.ndarray  # what the nodes of each body have, shape (n_bodies,)
+    firsts: np.ndarray  # first unknown of every node, shape (n_nodes,)
+    #: p in the body's frame, shape (n_nodes, 6, n_modes); zero where a node has fewer rows or a body fewer modes
     factors: np.ndarray
-    levers: np.ndarray
-    counted: np.ndarray
+    levers: np.ndarray  # what the body's rotation is measured by, shape (n_nodes, 3)
+    counted: np.ndarray  # whether the power of a body is counted here, shape (n_bodies,)
 
     @classmethod
     def of(

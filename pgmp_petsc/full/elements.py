@@ -28,57 +28,30 @@ N_SECTION = 6  # coefficients of stiffness, the first of a section
 
 
 class Beams(NamedTuple):
-    """Beam elements in space.
+    """Beam elements in space."""
 
-    Attributes
-    ----------
-    dofs
-        Shape (n_e, 24).
-    length, axes
-        m, and the section's axes, shape (n_e, 3, 3).
-    body
-        Number of the body, shape (n_e,).
-    section
-        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3, rho A, rho I_2, rho I_3)`` of every body, shape (n_blocks, n_bodies, 9,
-        n_lanes).
-    positions
-        Where the matrix stores the packed entries, shape (n_e, 300).
-    counted
-        Whether an element is counted here, in sums over all ranks, shape (n_e,).
-    """
-
-    dofs: np.ndarray
+    dofs: np.ndarray  # shape (n_e, 24)
+    #: length, axes: m, and the section's axes, shape (n_e, 3, 3)
     length: np.ndarray
     axes: np.ndarray
-    body: np.ndarray
+    body: np.ndarray  # number of the body, shape (n_e,)
+    #: ``(EA, GA_2, GA_3, GJ, EI_2, EI_3, rho A, rho I_2, rho I_3)`` of every body, shape (n_blocks, n_bodies, 9,
+    #: n_lanes)
     section: np.ndarray
-    positions: np.ndarray
-    counted: np.ndarray
+    positions: np.ndarray  # where the matrix stores the packed entries, shape (n_e, 300)
+    counted: np.ndarray  # whether an element is counted here, in sums over all ranks, shape (n_e,)
 
 
 class Masses(NamedTuple):
-    """Masses of frames in space.
+    """Masses of frames in space."""
 
-    Attributes
-    ----------
-    dofs
-        Shape (n, 12).
-    body
-        Number of the body, shape (n,).
-    density
-        m and J, shape (n_blocks, n, 4, 4, n_lanes), kg and kg m2.
-    positions
-        Where the matrix stores the entries of two vectors in a direction, the second not behind the first, shape (n, 4,
-        4, 3).
-    counted
-        Whether it is counted here, shape (n,).
-    """
-
-    dofs: np.ndarray
-    body: np.ndarray
-    density: np.ndarray
+    dofs: np.ndarray  # shape (n, 12)
+    body: np.ndarray  # number of the body, shape (n,)
+    density: np.ndarray  # m and J, shape (n_blocks, n, 4, 4, n_lanes), kg and kg m2
+    #: where the matrix stores the entries of two vectors in a direction, the second not behind the first, shape (n, 4,
+    #: 4, 3)
     positions: np.ndarray
-    counted: np.ndarray
+    counted: np.ndarray  # whether it is counted here, shape (n,)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
@@ -212,41 +185,22 @@ def add_energies_of_masses(masses, rayleigh, block, v, kinetic, powers):
 
 
 class Solids(NamedTuple):
-    """Continuum elements; those with fewer nodes or quadrature points than others have some without weight.
+    """Continuum elements; those with fewer nodes or quadrature points than others have some without weight."""
 
-    Attributes
-    ----------
-    dofs
-        Unknowns of the nodes' positions, -1 where an element has no such node, shape (n_e, n_a, d).
-    gradients, volumes
-        ``dN_a/dX_j`` (n_e, n_q, n_a, d) and volumes (n_e, n_q).
-    mass
-        ``int N_a N_b dV``, shape (n_e, n_a, n_a), m^d.
-    region, body
-        Number of the material and of the body, shape (n_e,).
-    lame
-        Of the materials over Young's modulus, shape (n_regions, 2).
-    rayleigh
-        beta (s) and alpha (1/s) of the materials' damping, shape (n_regions, 2).
-    moduli
-        Young's modulus and density, in the plane times the thickness, shape (n_blocks, n_regions, 2, n_lanes).
-    positions
-        Where the matrix stores the packed entries, shape (n_e, m (m + 1) / 2); see `add_entry`.
-    counted
-        Whether an element is counted here, in sums over all ranks, shape (n_e,).
-    """
-
-    dofs: np.ndarray
+    dofs: np.ndarray  # unknowns of the nodes' positions, -1 where an element has no such node, shape (n_e, n_a, d)
+    #: gradients, volumes: ``dN_a/dX_j`` (n_e, n_q, n_a, d) and volumes (n_e, n_q)
     gradients: np.ndarray
     volumes: np.ndarray
-    mass: np.ndarray
+    mass: np.ndarray  # ``int N_a N_b dV``, shape (n_e, n_a, n_a), m^d
+    #: region, body: number of the material and of the body, shape (n_e,)
     region: np.ndarray
     body: np.ndarray
-    lame: np.ndarray
-    rayleigh: np.ndarray
+    lame: np.ndarray  # of the materials over Young's modulus, shape (n_regions, 2)
+    rayleigh: np.ndarray  # beta (s) and alpha (1/s) of the materials' damping, shape (n_regions, 2)
+    #: Young's modulus and density, in the plane times the thickness, shape (n_blocks, n_regions, 2, n_lanes)
     moduli: np.ndarray
-    positions: np.ndarray
-    counted: np.ndarray
+    positions: np.ndarray  # where the matrix stores the packed entries, shape (n_e, m (m + 1) / 2); see `add_entry`
+    counted: np.ndarray  # whether an element is counted here, in sums over all ranks, shape (n_e,)
 
 
 class Columns(NamedTuple):

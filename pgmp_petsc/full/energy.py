@@ -29,15 +29,10 @@ KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects be
 
 @dataclass(frozen=True, eq=False)
 class EnergyNames:
-    """Which effect each row of a table of energies belongs to, in the order of `energies_of`.
+    """Which effect each row of a table of energies belongs to, in the order of `energies_of`."""
 
-    Attributes
-    ----------
-    rows
-        For every row after the first two whether it is a potential energy, and the name of the effect; None where a
-        body has no damping.
-    """
-
+    #: for every row after the first two whether it is a potential energy, and the name of the effect; None where a body
+    #: has no damping
     rows: tuple[tuple[bool, str] | None, ...]
 
     @classmethod

@@ -95,33 +95,17 @@ class Loads(NamedTuple):
 
 
 class BlockActions(NamedTuple):
-    """The actions of all samples, block by block.
+    """The actions of all samples, block by block."""
 
-    Attributes
-    ----------
-    statements, laws
-        As in `Actions`.
-    parameters
-        Of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters).
-    dofs
-        Unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m).
-    entries
-        As for `evaluate_actions`.
-    positions
-        Where the matrix stores these entries, shape (n_entries,).
-    counted
-        Whether an action is counted here, in sums over all ranks, shape (n_actions,).
-    about
-        As for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes); none where nothing is iterated.
-    """
-
+    #: statements, laws: as in `Actions`
     statements: NodeStatements
     laws: Laws
-    parameters: np.ndarray
-    dofs: np.ndarray
-    entries: tuple[np.ndarray, np.ndarray, np.ndarray]
-    positions: np.ndarray
-    counted: np.ndarray
+    parameters: np.ndarray  # of the laws, shape (n_blocks, n_actions, n_lanes, n_parameters)
+    dofs: np.ndarray  # unknowns of both nodes, -1 on the ground, shape (n_actions, 2 m)
+    entries: tuple[np.ndarray, np.ndarray, np.ndarray]  # as for `evaluate_actions`
+    positions: np.ndarray  # where the matrix stores these entries, shape (n_entries,)
+    counted: np.ndarray  # whether an action is counted here, in sums over all ranks, shape (n_actions,)
+    #: as for `evaluate_actions`, shape (n_blocks, n_actions, n_lanes); none where nothing is iterated
     about: np.ndarray = np.empty((0, 0, 0))
 
 

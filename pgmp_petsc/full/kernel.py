@@ -90,33 +90,13 @@ class Pattern(NamedTuple):
 
 
 class FullProblem(NamedTuple):
-    """The equations of all samples, block by block.
+    """The equations of all samples, block by block."""
 
-    Attributes
-    ----------
-    width
-        As many numbers as there are lanes; see `lane_items`.
-    dimension
-        2 or 3.
-    elements, lumps, solids, beams, masses, floating, loads, actions, modal, constraints
-        What there is: beams and masses of nodes in the plane, continuum elements, beams and masses in space, bodies in
-        floating frames, and what acts on them. The terms of a kind are compiled where there is one.
-    angles
-        Statements of the angles of the coordinates in space, where nothing else counts turns.
-    pattern
-        Of the iteration matrix.
-    section
-        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, and behind the bodies of elements with sections
-        of their own, shape (n_blocks, n_sections, 7, n_lanes); the last two are those of structural damping, and all
-        the others of beams in the plane. What an element calls its body is its row.
-    rayleigh
-        beta (s) and alpha (1/s) of all rows, shape (n_sections, 2).
-    units
-        1/size for translations, 1 for rotations and directors, shape (n_dofs,).
-    """
-
-    width: tuple[float, ...]
-    dimension: int
+    width: tuple[float, ...]  # as many numbers as there are lanes; see `lane_items`
+    dimension: int  # 2 or 3
+    #: elements, lumps, solids, beams, masses, floating, loads, actions, modal, constraints: what there is: beams and
+    #: masses of nodes in the plane, continuum elements, beams and masses in space, bodies in floating frames, and what
+    #: acts on them. The terms of a kind are compiled where there is one.
     elements: Elements
     lumps: Lumps
     solids: Solids
@@ -127,11 +107,14 @@ class FullProblem(NamedTuple):
     actions: BlockActions
     modal: ModalFactors
     constraints: NodeConstraints
-    angles: Rows
-    pattern: Pattern
+    angles: Rows  # statements of the angles of the coordinates in space, where nothing else counts turns
+    pattern: Pattern  # of the iteration matrix
+    #: ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, and behind the bodies of elements with sections of
+    #: their own, shape (n_blocks, n_sections, 7, n_lanes); the last two are those of structural damping, and all the
+    #: others of beams in the plane. What an element calls its body is its row.
     section: np.ndarray
-    rayleigh: np.ndarray
-    units: np.ndarray
+    rayleigh: np.ndarray  # beta (s) and alpha (1/s) of all rows, shape (n_sections, 2)
+    units: np.ndarray  # 1/size for translations, 1 for rotations and directors, shape (n_dofs,)
 
 
 class Strengths(NamedTuple):

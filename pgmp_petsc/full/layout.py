@@ -17,37 +17,17 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class FloatingBodies(NamedTuple):
-    """Flexible bodies in floating frames.
+    """Flexible bodies in floating frames."""
 
-    Attributes
-    ----------
-    dofs
-        Unknowns of all bodies, body after body: of the floating frame, then the amplitudes.
-    firsts
-        Where the unknowns, the words of the table and the positions of each body begin, and their ends, shape (n + 1,
-        3).
-    body
-        Number of the body, shape (n,).
-    table
-        Moments and stiffness, shape (n_blocks, n_words, n_lanes).
-    gravity
-        Acceleration of every gravity effect, shape (n_blocks, n_gravity, d, n_lanes), m/s2.
-    gravity_loads
-        The load whose amplitude each of them has, shape (n_gravity,).
-    positions
-        Where the matrix stores the packed lower triangle of each body.
-    counted
-        Whether a body is counted here, in sums over all ranks, shape (n,).
-    """
-
-    dofs: np.ndarray
+    dofs: np.ndarray  # unknowns of all bodies, body after body: of the floating frame, then the amplitudes
+    #: where the unknowns, the words of the table and the positions of each body begin, and their ends, shape (n + 1, 3)
     firsts: np.ndarray
-    body: np.ndarray
-    table: np.ndarray
-    gravity: np.ndarray
-    gravity_loads: np.ndarray
-    positions: np.ndarray
-    counted: np.ndarray
+    body: np.ndarray  # number of the body, shape (n,)
+    table: np.ndarray  # moments and stiffness, shape (n_blocks, n_words, n_lanes)
+    gravity: np.ndarray  # acceleration of every gravity effect, shape (n_blocks, n_gravity, d, n_lanes), m/s2
+    gravity_loads: np.ndarray  # the load whose amplitude each of them has, shape (n_gravity,)
+    positions: np.ndarray  # where the matrix stores the packed lower triangle of each body
+    counted: np.ndarray  # whether a body is counted here, in sums over all ranks, shape (n,)
 
 
 def body_tables(

@@ -33,68 +33,37 @@ if TYPE_CHECKING:
 
 
 class Ties(NamedTuple):
-    """Ties of frames to faces and floating frames.
+    """Ties of frames to faces and floating frames."""
 
-    Attributes
-    ----------
-    linear, products, arms
-        As in `FrameTies`, rows being places among the constraints here, and unknowns those here.
-    turning
-        The unknown of its frame that each product depends on, shape (n_products,).
-    positions
-        Where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
-        second ones, in the plane the second ones in the angle, and the first and second derivatives of arms.
-    curved
-        What is of second order in the deformation of bodies in floating frames.
-    """
-
+    #: linear, products, arms: as in `FrameTies`, rows being places among the constraints here, and unknowns those here
     linear: tuple[np.ndarray, np.ndarray, np.ndarray]
     products: Products
     arms: Arms
-    turning: np.ndarray
+    turning: np.ndarray  # the unknown of its frame that each product depends on, shape (n_products,)
+    #: where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
+    #: second ones, in the plane the second ones in the angle, and the first and second derivatives of arms
     positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    curved: Curved
+    curved: Curved  # what is of second order in the deformation of bodies in floating frames
 
 
 class NodeConstraints(NamedTuple):
-    """Constraints, as compiled functions take them.
+    """Constraints, as compiled functions take them."""
 
-    Attributes
-    ----------
-    rows
-        The statements, n of them.
-    places
-        Their places among all constraints here, shape (n,).
-    wanted
-        What is taken off, shape (n,), m, 1 or rad.
-    motions
-        Number of the prescribed motion that is taken off too, -1 where there is none, shape (n,).
-    linear
-        Whether a statement is linear in the unknowns, shape (n,).
-    weights
-        w over the scale of the constraints, shape (n,), m2.
-    positions, curved_positions
-        Where the matrix stores the first derivatives, and the second ones of those that are not.
-    pairs
-        First entry of each row (n + 1,) among the products of two first derivatives that a weight adds, the two entries
-        of each, and where the matrix stores it.
-    ties
-        Those of frames to faces.
-    counted
-        Whether the multiplier of a statement belongs to this rank, shape (n,).
-    """
-
-    rows: Rows
-    places: np.ndarray
-    wanted: np.ndarray
-    motions: np.ndarray
-    linear: np.ndarray
-    weights: np.ndarray
+    rows: Rows  # the statements, n of them
+    places: np.ndarray  # their places among all constraints here, shape (n,)
+    wanted: np.ndarray  # what is taken off, shape (n,), m, 1 or rad
+    motions: np.ndarray  # number of the prescribed motion that is taken off too, -1 where there is none, shape (n,)
+    linear: np.ndarray  # whether a statement is linear in the unknowns, shape (n,)
+    weights: np.ndarray  # w over the scale of the constraints, shape (n,), m2
+    #: positions, curved_positions: where the matrix stores the first derivatives, and the second ones of those that are
+    #: not
     positions: np.ndarray
     curved_positions: np.ndarray
+    #: first entry of each row (n + 1,) among the products of two first derivatives that a weight adds, the two entries
+    #: of each, and where the matrix stores it
     pairs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ties: Ties
-    counted: np.ndarray
+    ties: Ties  # those of frames to faces
+    counted: np.ndarray  # whether the multiplier of a statement belongs to this rank, shape (n,)
 
 
 class ConstraintParts:
@@ -344,26 +313,19 @@ def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, p
 
 
 class Curved(NamedTuple):
-    """Products ``f d x y`` of ties that are here.
+    """Products ``f d x y`` of ties that are here."""
 
-    Attributes
-    ----------
-    rows, frames, directors, first, second, factors
-        As in `Quadratics`, rows being places among the constraints here, and unknowns those here.
-    turning
-        The unknown of its frame that each depends on, shape (n,).
-    positions
-        Where the matrix stores the derivatives in x, in y and in the frame, and the second ones in x and y, in the
-        frame and x, in the frame and y, and in the plane in the angle.
-    """
-
+    #: rows, frames, directors, first, second, factors: as in `Quadratics`, rows being places among the constraints
+    #: here, and unknowns those here
     rows: np.ndarray
     frames: np.ndarray
     directors: np.ndarray
     first: np.ndarray
     second: np.ndarray
     factors: np.ndarray
-    turning: np.ndarray
+    turning: np.ndarray  # the unknown of its frame that each depends on, shape (n,)
+    #: where the matrix stores the derivatives in x, in y and in the frame, and the second ones in x and y, in the frame
+    #: and x, in the frame and y, and in the plane in the angle
     positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 

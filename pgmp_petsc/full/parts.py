@@ -32,25 +32,14 @@ Pattern = tuple[np.ndarray, np.ndarray]
 
 
 class Share(NamedTuple):
-    """A rank's share of a mechanism.
+    """A rank's share of a mechanism."""
 
-    Attributes
-    ----------
-    bodies
-        With unknowns numbered as all are.
-    rows
-        The unknowns that the rank owns.
-    values, blocks
-        Parameter values of the samples, each of shape (n_samples,), and how samples lie in arrays.
-    damping
-        Structural damping.
-    """
-
-    bodies: Sequence[Body]
-    rows: range
+    bodies: Sequence[Body]  # with unknowns numbered as all are
+    rows: range  # the unknowns that the rank owns
+    #: values, blocks: parameter values of the samples, each of shape (n_samples,), and how samples lie in arrays
     values: Mapping[str, np.ndarray]
     blocks: SampleBlocks
-    damping: BodyDampings
+    damping: BodyDampings  # structural damping
 
     def blocks_of(self, kernel: str) -> Iterator[tuple[int, Any]]:
         """Yield what a kernel of elements takes of every body, with the body's number; see `Body.blocks`."""

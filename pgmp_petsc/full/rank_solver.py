@@ -29,25 +29,15 @@ SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work a
 
 
 class Layout:
-    """A layout.
+    """A layout."""
 
-    Attributes
-    ----------
-    needed
-        Numbers of the unknowns, and then of the multipliers behind all unknowns, that are here, increasing, (n,).
-    n_unknowns
-        How many of these are unknowns.
-    pattern
-        Turn of every unknown and multiplier here in the arrays of right-hand side and diagonal, and what the kernel
-        factorises here.
-    n_lower
-        Number of entries below the diagonal.
-    """
-
+    #: numbers of the unknowns, and then of the multipliers behind all unknowns, that are here, increasing, (n,)
     needed: np.ndarray
-    n_unknowns: int
+    n_unknowns: int  # how many of these are unknowns
+    #: turn of every unknown and multiplier here in the arrays of right-hand side and diagonal, and what the kernel
+    #: factorises here
     pattern: Pattern
-    n_lower: int
+    n_lower: int  # number of entries below the diagonal
 
     def unknowns(self, dofs: np.ndarray) -> np.ndarray:
         """Return the numbers here of unknowns, -1 where they are -1."""

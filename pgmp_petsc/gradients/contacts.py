@@ -39,28 +39,15 @@ TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """An instant at which a stop is met or left.
+    """An instant at which a stop is met or left."""
 
-    Attributes
-    ----------
-    effect
-        Name of the stop.
-    met
-        Whether it is met there, or left.
-    time
-        s.
-    turning
-        Within which time the path would turn back, from its rate and acceleration there, s: the less, the nearer it is
-        to grazing.
-    derivatives
-        Of the time with the parameters, shape (n_parameters,), s per unit.
-    """
-
-    effect: str
-    met: bool
-    time: float
+    effect: str  # name of the stop
+    met: bool  # whether it is met there, or left
+    time: float  # s
+    #: within which time the path would turn back, from its rate and acceleration there, s: the less, the nearer it is
+    #: to grazing
     turning: float
-    derivatives: np.ndarray
+    derivatives: np.ndarray  # of the time with the parameters, shape (n_parameters,), s per unit
 
 
 class Contacts:
@@ -110,19 +97,14 @@ class Contacts:
     def through(self, number: int, moment: np.ndarray) -> np.ndarray:
         """Take the sensitivities through the step up to an instant; return them there.
 
+        Raises `InputError` if an edge is grazed; `RunError` if the step does not lead where the run went.
+
         Parameters
         ----------
         number
             Of the instant, as `following` gives it.
         moment
             S_q, S_v, S_a and S_A at the step's beginning, shape (4, n_parameters, n_eta).
-
-        Raises
-        ------
-        InputError
-            If an edge is grazed.
-        RunError
-            If the step does not lead where the run went.
         """
         moved = np.zeros(moment.shape[1])  # the beginning of the part, s per unit of a parameter
         before, parts = self._retraced(number)

@@ -60,31 +60,17 @@ MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
 @dataclass(frozen=True, eq=False)
 class DifferentiatedRun:
-    """A run and its derivatives.
+    """A run and its derivatives."""
 
-    Attributes
-    ----------
-    time
-        Shape (n_t,), s.
-    outputs
-        Each of shape (n_t,).
-    derivatives
-        Of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,).
-    eta, changes
-        Reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta).
-    steps_divided
-        By what the scene's step was divided.
-    contacts
-        Instants at which end stops are met and left, with their own derivatives.
-    """
-
-    time: np.ndarray
-    outputs: dict[str, np.ndarray]
+    time: np.ndarray  # shape (n_t,), s
+    outputs: dict[str, np.ndarray]  # each of shape (n_t,)
+    #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
+    #: eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
     eta: np.ndarray
     changes: np.ndarray
-    steps_divided: int = 1
-    contacts: tuple[Contact, ...] = ()
+    steps_divided: int = 1  # by what the scene's step was divided
+    contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
 
     def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the instants after the scene's own steps and the outputs there, as many whatever the run's steps."""
@@ -100,6 +86,9 @@ def differentiate(
 ) -> DifferentiatedRun:
     """Run one sample, and differentiate its outputs with some parameters.
 
+    Raises `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is
+    grazed; `RunError` if the run stops before its end, with smaller steps too.
+
     Parameters
     ----------
     model
@@ -110,13 +99,6 @@ def differentiate(
         Parameters to differentiate with.
     pulse
         Called with the number of steps that have been taken since the last call.
-
-    Raises
-    ------
-    InputError
-        If the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed.
-    RunError
-        If the run stops before its end, with smaller steps too.
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
@@ -192,10 +174,7 @@ def _require_finite(
 ) -> None:
     """Refuse outputs that are no finite numbers, or have no derivatives.
 
-    Raises
-    ------
-    RunError
-        Naming the output, the parameter and the instant.
+    Raises `RunError`, naming the output, the parameter and the instant.
     """
     for output, values in outputs.items():
         for name, found in {"": values, **derivatives[output]}.items():

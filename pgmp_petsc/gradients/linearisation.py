@@ -34,23 +34,14 @@ from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Derivatives of the residual at some instants.
+    """Derivatives of the residual at some instants."""
 
-    Attributes
-    ----------
-    by_q, by_v, by_a
-        With coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta).
-    by_parameters
-        With the parameters, shape (n_t, n_parameters, n_eta).
-    residual
-        The residual itself, shape (n_t, n_eta).
-    """
-
+    #: by_q, by_v, by_a: with coordinates, velocities and accelerations, shape (n_t, n_eta, n_eta)
     by_q: np.ndarray
     by_v: np.ndarray
     by_a: np.ndarray
-    by_parameters: np.ndarray
-    residual: np.ndarray
+    by_parameters: np.ndarray  # with the parameters, shape (n_t, n_parameters, n_eta)
+    residual: np.ndarray  # the residual itself, shape (n_t, n_eta)
 
 
 class Linearisation:
@@ -124,33 +115,20 @@ def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: 
 
 
 class _Room(NamedTuple):
-    """Work arrays for LANES instants, arrays of vectors (..., LANES).
+    """Work arrays for LANES instants, arrays of vectors (..., LANES)."""
 
-    Attributes
-    ----------
-    place
-        In the cell, (n_theta,), rad.
-    jets, loads, load_jets
-        Of the tables (layout.end, n_jets), coefficients of the loads (layout.load_end * n_powers**n_theta,), and their
-        jets (layout.load_end, n_jets).
-    amplitudes
-        Weights of the load terms (n_load_terms,).
-    state, moment
-        Coordinates, velocities and accelerations (3, n_eta); see `_take_up`.
-    balance
-        A residual, (n_eta,).
-    by_q, by_v, by_a, matrix
-        Derivatives, and those within a step, (n_eta, n_eta).
-    """
-
-    place: np.ndarray
+    place: np.ndarray  # in the cell, (n_theta,), rad
+    #: jets, loads, load_jets: of the tables (layout.end, n_jets), coefficients of the loads (layout.load_end *
+    #: n_powers**n_theta,), and their jets (layout.load_end, n_jets)
     jets: np.ndarray
     loads: np.ndarray
     load_jets: np.ndarray
-    amplitudes: np.ndarray
+    amplitudes: np.ndarray  # weights of the load terms (n_load_terms,)
+    #: state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
     state: np.ndarray
     moment: np.ndarray
-    balance: np.ndarray
+    balance: np.ndarray  # a residual, (n_eta,)
+    #: by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
     by_q: np.ndarray
     by_v: np.ndarray
     by_a: np.ndarray

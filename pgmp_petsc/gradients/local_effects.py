@@ -37,21 +37,14 @@ S, SPEED, FORCE, STIFFNESS, DAMPING = range(5)  # what is measured of an action
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """How far an edge of a law is crossed, depth, in a state: its derivatives.
+    """How far an edge of a law is crossed, depth, in a state: its derivatives."""
 
-    Attributes
-    ----------
-    effect
-        Name of the effect.
-    gradient, by_parameters
-        With the reduced coordinates, shape (n_eta,), and with the parameters in a given state, (n_parameters,).
-    rate, acceleration
-        With time along the motion, per s and per s2.
-    """
-
-    effect: str
+    effect: str  # name of the effect
+    #: gradient, by_parameters: with the reduced coordinates, shape (n_eta,), and with the parameters in a given state,
+    #: (n_parameters,)
     gradient: np.ndarray
     by_parameters: np.ndarray
+    #: rate, acceleration: with time along the motion, per s and per s2
     rate: float
     acceleration: float
 

@@ -14,24 +14,13 @@ from pgmp_petsc.mechanism.space import Space, space_of
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """A point of a body or of the ground.
+    """A point of a body or of the ground."""
 
-    Attributes
-    ----------
-    body
-        Index of the body, or -1 for the ground.
-    node
-        Global number of the node that carries it, or -1 for the ground.
-    point
-        Coordinates in the body's (or the ground's) frame, shape (d,), m.
-    arm
-        From the node to the point, in the body's frame, shape (d,), m: zero but for rigid bodies, whose only node is
-        their centre of mass.
-    """
-
-    body: int
-    node: int
-    point: np.ndarray
+    body: int  # index of the body, or -1 for the ground
+    node: int  # global number of the node that carries it, or -1 for the ground
+    point: np.ndarray  # coordinates in the body's (or the ground's) frame, shape (d,), m
+    #: from the node to the point, in the body's frame, shape (d,), m: zero but for rigid bodies, whose only node is
+    #: their centre of mass
     arm: np.ndarray
 
     @classmethod

@@ -46,40 +46,20 @@ OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONE
 
 @dataclass(frozen=True)
 class Feature:
-    """A feature and what it needs.
+    """A feature and what it needs."""
 
-    Attributes
-    ----------
-    name
-        What it is, for lists of features.
-    entries
-        Yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for.
-    purposes
-        What it is used for; for others it is without effect, and allowed.
-    third_derivative
-        Whether it takes the third derivative of the strain energy, which bodies with a scaled cross-section and those
-        from matrices have not.
-    elements
-        Whether it takes the elements of all bodies: flexible ones from matrices are refused.
-    one_coordinate
-        Whether more than one rigid coordinate is refused.
-    flexible_body
-        Whether mechanisms without any flexible body are refused.
-    why_not
-        Why it is refused for every mechanism; empty where it is not.
-    cure
-        What to do where it is refused.
-    """
-
-    name: str
+    name: str  # what it is, for lists of features
+    #: yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for
     entries: Callable[[Scene], Iterator[str]]
-    purposes: frozenset[Purpose]
+    purposes: frozenset[Purpose]  # what it is used for; for others it is without effect, and allowed
+    #: whether it takes the third derivative of the strain energy, which bodies with a scaled cross-section and those
+    #: from matrices have not
     third_derivative: bool = False
-    elements: bool = False
-    one_coordinate: bool = False
-    flexible_body: bool = False
-    why_not: str = ""
-    cure: str = "leave it out"
+    elements: bool = False  # whether it takes the elements of all bodies: flexible ones from matrices are refused
+    one_coordinate: bool = False  # whether more than one rigid coordinate is refused
+    flexible_body: bool = False  # whether mechanisms without any flexible body are refused
+    why_not: str = ""  # why it is refused for every mechanism; empty where it is not
+    cure: str = "leave it out"  # what to do where it is refused
 
 
 def _reduction(key: str) -> Callable[[Scene], Iterator[str]]:
@@ -182,6 +162,8 @@ FEATURES = (
 def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> None:
     """Refuse what a command cannot do with a scene.
 
+    Raises `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
+
     Parameters
     ----------
     scene
@@ -190,11 +172,6 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
         What it is read for.
     meshes
         Of the bodies, where they are at hand: what too many coordinates would cost depends on them.
-
-    Raises
-    ------
-    InputError
-        Naming the entry, the bodies or coordinates that it does not take, and the cure.
     """
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:

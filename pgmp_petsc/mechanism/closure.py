@@ -122,10 +122,7 @@ class LoopClosure:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
         bodies as `placed`, down to a tolerance of the scaled residual.
 
-        Raises
-        ------
-        InputError
-            Where it does not converge.
+        Raises `InputError` where it does not converge.
         """
         closed, gap = self.newton(poses, theta, tolerance)
         if not np.all(gap < tolerance):

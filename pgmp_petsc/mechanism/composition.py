@@ -23,12 +23,8 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
     """Return the bodies of a scene with the point masses that they carry, numbered one after the other.
 
     A point mass away from the centre of a rigid body is a body of its own, welded to it (`connections_of`): the mass
-    matrices then stay constant, and affine in the parameters.
-
-    Raises
-    ------
-    InputError
-        If a point mass is at a point that its body's mesh does not have.
+    matrices then stay constant, and affine in the parameters. Raises `InputError` if a point mass is at a point that
+    its body's mesh does not have.
     """
     bodies = {name: body_of(scene, name, meshes[name]) for name in scene.bodies}
     for name, effect in scene.effects.items():
@@ -50,10 +46,7 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:
     """Return the attachment at ``"body:point"`` or ``"ground:point"``.
 
-    Raises
-    ------
-    InputError
-        If the body's mesh has no such point; `entry` is the scene entry to blame.
+    Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
     """
     name, _, point = address.partition(":")
     if name == GROUND:
@@ -71,12 +64,7 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     """Return the joints of a scene, and the welds of point masses to rigid bodies.
 
     A joint's axes in the second body are those of the first at poses (n_bodies, n_pose); in the plane angles are those
-    between the bodies' axes.
-
-    Raises
-    ------
-    InputError
-        If a joint names a point that its body's mesh does not have.
+    between the bodies' axes. Raises `InputError` if a joint names a point that its body's mesh does not have.
     """
     space = space_of(scene.dimension)
     connections, row = [], 0

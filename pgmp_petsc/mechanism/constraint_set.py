@@ -20,27 +20,13 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 
 @dataclass(frozen=True, eq=False)
 class ChosenRows:
-    """Some constraints that are statements.
+    """Some constraints that are statements."""
 
-    Attributes
-    ----------
-    rows
-        The statements, n of them.
-    places
-        Their places among the chosen constraints, shape (n,).
-    wanted
-        Their values, shape (n,), m or 1.
-    motions
-        Number of the prescribed motion that gives the value instead, or -1, shape (n,).
-    of_directors
-        Which of them make directors a rotation, shape (n,).
-    """
-
-    rows: StatementRows
-    places: np.ndarray
-    wanted: np.ndarray
-    motions: np.ndarray
-    of_directors: np.ndarray
+    rows: StatementRows  # the statements, n of them
+    places: np.ndarray  # their places among the chosen constraints, shape (n,)
+    wanted: np.ndarray  # their values, shape (n,), m or 1
+    motions: np.ndarray  # number of the prescribed motion that gives the value instead, or -1, shape (n,)
+    of_directors: np.ndarray  # which of them make directors a rotation, shape (n,)
 
 
 class ConstraintSet:

@@ -82,21 +82,11 @@ def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintHessian:
-    """Second derivatives of one joint's constraints in body frames.
+    """Second derivatives of one joint's constraints in body frames."""
 
-    Attributes
-    ----------
-    rows
-        Numbers of the constraints, n_c of them.
-    dofs
-        The nodal unknowns that they depend on, shape (k,).
-    values
-        Shape (n_c, k, k).
-    """
-
-    rows: slice
-    dofs: np.ndarray
-    values: np.ndarray
+    rows: slice  # numbers of the constraints, n_c of them
+    dofs: np.ndarray  # the nodal unknowns that they depend on, shape (k,)
+    values: np.ndarray  # shape (n_c, k, k)
 
 
 class ConstraintHessians:

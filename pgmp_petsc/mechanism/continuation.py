@@ -44,31 +44,18 @@ SHARE = 0.5  # of the closure's tolerance that is left between them
 
 @dataclass(frozen=True, eq=False)
 class PoseBranch:
-    """Poses on a grid over the coordinates, the last of which runs fastest.
+    """Poses on a grid over the coordinates, the last of which runs fastest."""
 
-    Attributes
-    ----------
-    axes
-        Values of every coordinate, at equal distances, rad.
-    poses
-        Shape (n, n_bodies, n_pose).
-    rates, curvatures
-        Derivatives with the coordinates, shapes (n, n_bodies, n_pose, n_theta) and (..., n_theta, n_theta).
-    winding
-        How often every body has turned when a periodic coordinate has made a turn, shape (n_theta, n_bodies).
-    is_exact
-        Whether `guess` is as close as a solution inside the range.
-    n_redundant
-        Number of constraints that follow from the others.
-    """
-
-    axes: tuple[np.ndarray, ...]
-    poses: np.ndarray
+    axes: tuple[np.ndarray, ...]  # values of every coordinate, at equal distances, rad
+    poses: np.ndarray  # shape (n, n_bodies, n_pose)
+    #: rates, curvatures: derivatives with the coordinates, shapes (n, n_bodies, n_pose, n_theta) and (..., n_theta,
+    #: n_theta)
     rates: np.ndarray
     curvatures: np.ndarray
+    #: how often every body has turned when a periodic coordinate has made a turn, shape (n_theta, n_bodies)
     winding: np.ndarray
-    is_exact: bool
-    n_redundant: int
+    is_exact: bool  # whether `guess` is as close as a solution inside the range
+    n_redundant: int  # number of constraints that follow from the others
 
     @classmethod
     def of(
@@ -228,10 +215,7 @@ class Continuation:
     def winding(self, axis: int) -> np.ndarray:
         """Return how often every body has turned when a coordinate has made a turn, shape (n_bodies,).
 
-        Raises
-        ------
-        InputError
-            If the mechanism is not back where it began.
+        Raises `InputError` if the mechanism is not back where it began.
         """
         everywhere = self.poses.reshape(*self.poses.shape[:2], *self.shape)
         change = np.take(everywhere, -1, axis + 2) - np.take(everywhere, 0, axis + 2)
@@ -279,22 +263,12 @@ class Continuation:
 
 @dataclass(frozen=True, eq=False)
 class _Front:
-    """Configurations on the branch, none of them singular.
-
-    Attributes
-    ----------
-    theta
-        Shape (n, n_theta).
-    poses
-        Shape (n_bodies, n_pose, n).
-    jacobian
-        J there, shape (n, n_rows, n_pose n_bodies).
-    """
+    """Configurations on the branch, none of them singular."""
 
     closure: LoopClosure
-    theta: np.ndarray
-    poses: np.ndarray
-    jacobian: np.ndarray
+    theta: np.ndarray  # shape (n, n_theta)
+    poses: np.ndarray  # shape (n_bodies, n_pose, n)
+    jacobian: np.ndarray  # j there, shape (n, n_rows, n_pose n_bodies)
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
@@ -435,10 +409,7 @@ class Walk:
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta).
 
-        Raises
-        ------
-        InputError
-            If the mechanism cannot be closed somewhere on the way.
+        Raises `InputError` if the mechanism cannot be closed somewhere on the way.
         """
         numbers = np.nan_to_num((theta - self._theta) / LONGEST, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]

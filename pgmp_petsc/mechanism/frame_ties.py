@@ -41,27 +41,13 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Products(NamedTuple):
-    """Products ``f d x``.
+    """Products ``f d x``."""
 
-    Attributes
-    ----------
-    rows
-        Of each product, shape (n,).
-    frames
-        First unknown of its frame.
-    directors
-        Number of its component of a director among the frame's d d.
-    positions
-        The unknown x.
-    factors
-        f.
-    """
-
-    rows: np.ndarray
-    frames: np.ndarray
-    directors: np.ndarray
-    positions: np.ndarray
-    factors: np.ndarray
+    rows: np.ndarray  # of each product, shape (n,)
+    frames: np.ndarray  # first unknown of its frame
+    directors: np.ndarray  # number of its component of a director among the frame's d d
+    positions: np.ndarray  # the unknown x
+    factors: np.ndarray  # f
 
 
 class Arms(NamedTuple):
@@ -162,28 +148,15 @@ def _faces_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, Face
 
 
 class _Held(NamedTuple):
-    """A frame that holds a body in a floating frame.
+    """A frame that holds a body in a floating frame."""
 
-    Attributes
-    ----------
-    frame, floating
-        Unknowns of both, shape (m,).
-    amplitudes
-        Unknowns xi, shape (n,).
-    centre
-        X, shape (d,), m.
-    shape
-        A and Theta, shape (3, n), in space (6, n).
-    bent
-        What is of second order in the displacement, shape (d, n, n).
-    """
-
+    #: frame, floating: unknowns of both, shape (m,)
     frame: np.ndarray
     floating: np.ndarray
-    amplitudes: np.ndarray
-    centre: np.ndarray
-    shape: np.ndarray
-    bent: np.ndarray
+    amplitudes: np.ndarray  # unknowns xi, shape (n,)
+    centre: np.ndarray  # x, shape (d,), m
+    shape: np.ndarray  # a and Theta, shape (3, n), in space (6, n)
+    bent: np.ndarray  # what is of second order in the displacement, shape (d, n, n)
 
     def ties(self, first_row: int) -> tuple[tuple[np.ndarray, ...], ...]:
         """Return what is linear, the products and the arms, rows from a first one on."""
@@ -336,28 +309,15 @@ PHI = 2  # a frame's rotation in the plane
 
 
 class Quadratics(NamedTuple):
-    """Products ``f d x y``.
+    """Products ``f d x y``."""
 
-    Attributes
-    ----------
-    rows
-        Of each product, shape (n,).
-    frames
-        First unknown of its frame.
-    directors
-        Number of its component of a director among the frame's d d.
-    first, second
-        The unknowns x and y, the same or not.
-    factors
-        f.
-    """
-
-    rows: np.ndarray
-    frames: np.ndarray
-    directors: np.ndarray
+    rows: np.ndarray  # of each product, shape (n,)
+    frames: np.ndarray  # first unknown of its frame
+    directors: np.ndarray  # number of its component of a director among the frame's d d
+    #: first, second: the unknowns x and y, the same or not
     first: np.ndarray
     second: np.ndarray
-    factors: np.ndarray
+    factors: np.ndarray  # f
 
     @classmethod
     def of(

@@ -61,22 +61,15 @@ def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """A named joint between two attachments, and the rows of its constraints.
-
-    Attributes
-    ----------
-    statements
-        What is to be zero; joints whose points share their position begin with that.
-    axes
-        The axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
-        each, one axis a column.
-    """
+    """A named joint between two attachments, and the rows of its constraints."""
 
     name: str
-    statements: tuple[Statement, ...]
+    statements: tuple[Statement, ...]  # what is to be zero; joints whose points share their position begin with that
     a: Attachment
     b: Attachment
     rows: slice
+    #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
+    #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
 
     @property

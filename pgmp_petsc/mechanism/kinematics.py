@@ -30,24 +30,13 @@ REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """The rigid mechanism at one configuration.
+    """The rigid mechanism at one configuration."""
 
-    Attributes
-    ----------
-    poses
-        Shape (n_bodies, n_pose).
-    rates
-        ``dP/dtheta_k``, shape (n_bodies, n_pose, n_theta).
-    curvatures
-        ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta).
-    velocities, accelerations
-        Coefficients of the linear fields ``d rho/d theta_k`` and ``d2 rho/d theta_k d theta_l`` (`Space`), shapes
-        (n_bodies, d + d^2, n_theta) and (n_bodies, d + d^2, n_theta, n_theta).
-    """
-
-    poses: np.ndarray
-    rates: np.ndarray
-    curvatures: np.ndarray
+    poses: np.ndarray  # shape (n_bodies, n_pose)
+    rates: np.ndarray  # ``dP/dtheta_k``, shape (n_bodies, n_pose, n_theta)
+    curvatures: np.ndarray  # ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta)
+    #: velocities, accelerations: coefficients of the linear fields ``d rho/d theta_k`` and ``d2 rho/d theta_k d
+    #: theta_l`` (`Space`), shapes (n_bodies, d + d^2, n_theta) and (n_bodies, d + d^2, n_theta, n_theta)
     velocities: np.ndarray
     accelerations: np.ndarray
 

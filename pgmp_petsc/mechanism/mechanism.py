@@ -61,22 +61,14 @@ def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.n
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Bodies, connections and coordinates of a scene, with their numbering.
+    """Bodies, connections and coordinates of a scene, with their numbering."""
 
-    Attributes
-    ----------
-    bodies, connections, coordinates
-        In the order of the scene.
-    first_guess
-        Poses near which the mechanism is assembled, shape (n_bodies, 3).
-    scene, shapes
-        The scene and the shapes of its bodies that it was made from.
-    """
-
+    #: bodies, connections, coordinates: in the order of the scene
     bodies: tuple[Body, ...]
     connections: tuple[Connection, ...]
     coordinates: tuple[Coordinate, ...]
-    first_guess: np.ndarray
+    first_guess: np.ndarray  # poses near which the mechanism is assembled, shape (n_bodies, 3)
+    #: scene, shapes: the scene and the shapes of its bodies that it was made from
     scene: Scene
     shapes: Mapping[str, BodyShape]
 
@@ -122,10 +114,7 @@ class Mechanism:
     def attachment(self, address: str, entry: str) -> Attachment:
         """Return the attachment at ``"body:point"`` or ``"ground:point"``.
 
-        Raises
-        ------
-        InputError
-            If the body's mesh has no such point; `entry` is the scene entry to blame.
+        Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
         """
         return attachment_at(self.scene, self.bodies, address, entry)
 
@@ -209,10 +198,7 @@ class Mechanism:
     def from_scene(cls, scene: Scene, shapes: Mapping[str, BodyShape]) -> Mechanism:
         """Number the unknowns of a scene's bodies and attach its joints.
 
-        Raises
-        ------
-        InputError
-            If a joint names a point that its body's mesh does not have.
+        Raises `InputError` if a joint names a point that its body's mesh does not have.
         """
         bodies = bodies_of(scene, shapes)
         guess = first_guess(scene, bodies)

@@ -21,27 +21,13 @@ PLANAR = 3  # unknowns of a node in the plane
 
 
 class NodeStatements(NamedTuple):
-    """Statements about pairs of nodes, as compiled functions take them.
+    """Statements about pairs of nodes, as compiled functions take them."""
 
-    Attributes
-    ----------
-    kinds
-        Of the statements, shape (n,).
-    axes
-        Their directions, shape (n, 3, d).
-    arms
-        From the nodes of both sides to the points, in the frames of the nodes, shape (n, 2, d), m.
-    ground
-        Frames of sides on the ground, zero for others, shape (n, 2 d (d + 1)).
-    on_ground
-        Which sides are, shape (n, 2).
-    """
-
-    kinds: np.ndarray
-    axes: np.ndarray
-    arms: np.ndarray
-    ground: np.ndarray
-    on_ground: np.ndarray
+    kinds: np.ndarray  # of the statements, shape (n,)
+    axes: np.ndarray  # their directions, shape (n, 3, d)
+    arms: np.ndarray  # from the nodes of both sides to the points, in the frames of the nodes, shape (n, 2, d), m
+    ground: np.ndarray  # frames of sides on the ground, zero for others, shape (n, 2 d (d + 1))
+    on_ground: np.ndarray  # which sides are, shape (n, 2)
 
     @classmethod
     def of(

@@ -25,41 +25,22 @@ RANK_TOLERANCE = 1e-10  # of the largest pivot of a block; joint Jacobians have 
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Unknowns of one block expressed by others: ``u[dependent] = weights @ u[by]``.
+    """Unknowns of one block expressed by others: ``u[dependent] = weights @ u[by]``."""
 
-    Attributes
-    ----------
-    dependent, by
-        Numbers of unknowns, shapes (rank,) and (k,).
-    weights
-        Shape (rank, k).
-    """
-
+    #: dependent, by: numbers of unknowns, shapes (rank,) and (k,)
     dependent: np.ndarray
     by: np.ndarray
-    weights: np.ndarray
+    weights: np.ndarray  # shape (rank, k)
 
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
-    """A basis of the null space in terms of independent unknowns.
+    """A basis of the null space in terms of independent unknowns."""
 
-    Attributes
-    ----------
-    n_dofs
-        Number of unknowns.
-    eliminations
-        One a block.
-    n_redundant
-        Number of constraints that followed from the others.
-    rows
-        As many constraints as the rank, from which the others follow, shape (rank,), increasing.
-    """
-
-    n_dofs: int
-    eliminations: tuple[Elimination, ...]
-    n_redundant: int
-    rows: np.ndarray
+    n_dofs: int  # number of unknowns
+    eliminations: tuple[Elimination, ...]  # one a block
+    n_redundant: int  # number of constraints that followed from the others
+    rows: np.ndarray  # as many constraints as the rank, from which the others follow, shape (rank,), increasing
 
     @cached_property
     def independent(self) -> np.ndarray:
@@ -111,18 +92,12 @@ class NullSpace:
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """Constraints that share unknowns, and where their entries are.
+    """Constraints that share unknowns, and where their entries are."""
 
-    Attributes
-    ----------
-    rows, touched
-        Numbers of the constraints and of the unknowns.
-    entries, places
-        Numbers of the entries among those of the Jacobian, and their places in the block.
-    """
-
+    #: rows, touched: numbers of the constraints and of the unknowns
     rows: np.ndarray
     touched: np.ndarray
+    #: entries, places: numbers of the entries among those of the Jacobian, and their places in the block
     entries: np.ndarray
     places: tuple[np.ndarray, np.ndarray]
 

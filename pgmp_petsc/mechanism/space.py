@@ -20,27 +20,13 @@ from pgmp_petsc.mechanism.statements import Statement
 
 
 class Space:
-    """Space that mechanisms move in.
+    """Space that mechanisms move in."""
 
-    Attributes
-    ----------
-    dimension
-        2 or 3.
-    n_pose
-        Numbers of a pose: 3 or 12.
-    n_dofs
-        Displacements and rotations of a node: 3 or 6.
-    n_tied
-        Numbers of a pose that depend on others: 0 or 6.
-    identity
-        The pose of a body at rest in the ground's frame, shape (n_pose,).
-    """
-
-    dimension: int
-    n_pose: int
-    n_dofs: int
-    n_tied: int
-    identity: np.ndarray
+    dimension: int  # 2 or 3
+    n_pose: int  # numbers of a pose: 3 or 12
+    n_dofs: int  # displacements and rotations of a node: 3 or 6
+    n_tied: int  # numbers of a pose that depend on others: 0 or 6
+    identity: np.ndarray  # the pose of a body at rest in the ground's frame, shape (n_pose,)
 
     def units(self, size: float) -> np.ndarray:
         """Return what the numbers of a pose are measured in, shape (n_pose,): the size for lengths, 1 for

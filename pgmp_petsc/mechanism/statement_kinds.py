@@ -84,33 +84,15 @@ double evaluate_statement(const struct statement *of, const double z[2 * N_FRAME
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of statement.
+    """A kind of statement."""
 
-    Attributes
-    ----------
-    name
-        In code.
-    measure
-        The expression.
-    unit
-        Of the measure: m, 1 or rad.
-    periodic
-        Whether it is an angle, of which the turn is taken that is nearest to one that is known.
-    singular
-        Whether derivatives are taken as zero where its product is.
-    pull
-        No measure, but a force: the vector that pulls at the point of b.
-    fixed
-        Whether the gradient keeps its direction in the frames, however they stand.
-    """
-
-    name: str
-    measure: str = ""
-    unit: str = "m"
-    periodic: bool = False
-    singular: bool = False
-    pull: str = ""
-    fixed: bool = False
+    name: str  # in code
+    measure: str = ""  # the expression
+    unit: str = "m"  # of the measure: m, 1 or rad
+    periodic: bool = False  # whether it is an angle, of which the turn is taken that is nearest to one that is known
+    singular: bool = False  # whether derivatives are taken as zero where its product is
+    pull: str = ""  # no measure, but a force: the vector that pulls at the point of b
+    fixed: bool = False  # whether the gradient keeps its direction in the frames, however they stand
 
     def lines(self) -> list[str]:
         """Return the body of the function that evaluates it; ``let`` begins what C declares."""

@@ -156,31 +156,19 @@ class StatementRows:
 
 
 class Rows(NamedTuple):
-    """Rows as compiled functions take them.
+    """Rows as compiled functions take them."""
 
-    Attributes
-    ----------
-    statements, dofs
-        As in `StatementRows`.
-    linear, bent
-        Numbers of the rows that are linear in the unknowns, and of the others.
-    constants
-        Values where all unknowns are zero, shape (n,).
-    entries
-        First entry of each row (n + 1,) on the pattern of first derivatives, column in `dofs` and unknown of each.
-    slopes
-        First derivatives there where all unknowns are zero, shape (n_entries,).
-    curved
-        First entry of each row (n + 1,) on the pattern of second derivatives, and its two columns in `dofs`.
-    """
-
+    #: statements, dofs: as in `StatementRows`
     statements: NodeStatements
     dofs: np.ndarray
+    #: linear, bent: numbers of the rows that are linear in the unknowns, and of the others
     linear: np.ndarray
     bent: np.ndarray
-    constants: np.ndarray
+    constants: np.ndarray  # values where all unknowns are zero, shape (n,)
+    #: first entry of each row (n + 1,) on the pattern of first derivatives, column in `dofs` and unknown of each
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]
-    slopes: np.ndarray
+    slopes: np.ndarray  # first derivatives there where all unknowns are zero, shape (n_entries,)
+    #: first entry of each row (n + 1,) on the pattern of second derivatives, and its two columns in `dofs`
     curved: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

@@ -38,17 +38,10 @@ evaluate = CODE.evaluate
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """A statement about two frames.
+    """A statement about two frames."""
 
-    Attributes
-    ----------
-    kind
-        Its number among `KINDS`.
-    axes
-        The directions u, v and w, shape (3, d), in the frames that the kind says; zero where it has none.
-    """
-
-    kind: int
+    kind: int  # its number among `KINDS`
+    #: the directions u, v and w, shape (3, d), in the frames that the kind says; zero where it has none
     axes: np.ndarray
 
     @property

@@ -27,17 +27,10 @@ AT_ONCE = 2**22  # numbers that are evaluated together: 32 MB
 
 @dataclass(frozen=True, eq=False)
 class BodyValues:
-    """One body at some instants.
+    """One body at some instants."""
 
-    Attributes
-    ----------
-    positions
-        Of the nodes, ground frame, shape (n_nodes, d, n), m.
-    at_nodes, at_cells
-        Quantities, of shape (n_nodes, n) and (n_cells, n).
-    """
-
-    positions: np.ndarray
+    positions: np.ndarray  # of the nodes, ground frame, shape (n_nodes, d, n), m
+    #: at_nodes, at_cells: quantities, of shape (n_nodes, n) and (n_cells, n)
     at_nodes: Values
     at_cells: Values
 

@@ -23,22 +23,14 @@ Values = dict[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Stresses:
-    """Where and how a flexible body has stresses.
+    """Where and how a flexible body has stresses."""
 
-    Attributes
-    ----------
-    nodal, inner
-        Points at the nodes, one for each material or element that meets there, and in the middles of the cells.
-    law
-        What makes quantities of strains.
-    units
-        Of the quantities.
-    """
-
+    #: nodal, inner: points at the nodes, one for each material or element that meets there, and in the middles of the
+    #: cells
     nodal: Strains
     inner: Strains
-    law: SolidLaw | BeamLaw
-    units: dict[str, str]
+    law: SolidLaw | BeamLaw  # what makes quantities of strains
+    units: dict[str, str]  # of the quantities
 
     def at_nodes(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
         """Return all quantities at the nodes, each of shape (n_nodes, n), for strains (n_points, n_strains, n)."""
@@ -61,24 +53,12 @@ class Stresses:
 
 @dataclass(frozen=True, eq=False)
 class FieldPoints:
-    """A body that can be seen.
+    """A body that can be seen."""
 
-    Attributes
-    ----------
-    number
-        Of the body.
-    mesh
-        Its cells, or the lines of beams.
-    stresses
-        None of a rigid body.
-    radius
-        Of beams: that of the circle with the section's radius of gyration, m; None of cells.
-    """
-
-    number: int
-    mesh: SolidMesh | LineMesh
-    stresses: Stresses | None
-    radius: float | None
+    number: int  # of the body
+    mesh: SolidMesh | LineMesh  # its cells, or the lines of beams
+    stresses: Stresses | None  # none of a rigid body
+    radius: float | None  # of beams: that of the circle with the section's radius of gyration, m; None of cells
 
     @property
     def kind(self) -> str:
@@ -104,18 +84,10 @@ class FieldPoints:
 
 @dataclass(frozen=True, eq=False)
 class FieldSet:
-    """The bodies whose fields are kept.
+    """The bodies whose fields are kept."""
 
-    Attributes
-    ----------
-    points
-        By body.
-    left_out
-        Why other bodies are not among them, by body, with the cure.
-    """
-
-    points: dict[str, FieldPoints]
-    left_out: dict[str, str]
+    points: dict[str, FieldPoints]  # by body
+    left_out: dict[str, str]  # why other bodies are not among them, by body, with the cure
 
     @classmethod
     def of(cls, scene: Scene, bodies: tuple[Body, ...], n_frames: int) -> FieldSet:

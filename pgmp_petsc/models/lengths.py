@@ -31,15 +31,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EvaluatedOutputs:
-    """Outputs that a model observes as they are; see `OutputSet`.
+    """Outputs that a model observes as they are; see `OutputSet`."""
 
-    Attributes
-    ----------
-    units
-        Unit of every output.
-    """
-
-    units: dict[str, str]
+    units: dict[str, str]  # unit of every output
 
     @property
     def functions(self) -> dict[str, None]:
@@ -54,10 +48,7 @@ class EvaluatedOutputs:
 def of_samples(model: Model, drawn: Iterable[str]) -> Model:
     """Return the model of samples with some parameters drawn: itself, unless some of these are lengths or places.
 
-    Raises
-    ------
-    InputError
-        If the model is of components, whose modes are those of one mesh.
+    Raises `InputError` if the model is of components, whose modes are those of one mesh.
     """
     lengths = [name for name in length_names(model.scene) if name in set(drawn)]
     if not lengths:

@@ -23,27 +23,17 @@ ROUND_OFF = 1e-10
 
 
 class Model(Protocol):
-    """A model of a scene.
+    """A model of a scene."""
 
-    Attributes
-    ----------
-    name, title
-        ``full``, ``components`` or ``reduced``; what messages call it.
-    scene, kinematics, outputs
-        The scene, its rigid kinematics and its outputs.
-    largest_batch
-        Most samples that a batch has.
-    identity
-        Checksum of what the model is made of besides the scene's text: meshes, or a reduced model's tables.
-    """
-
+    #: name, title: ``full``, ``components`` or ``reduced``; what messages call it
     name: str
     title: str
+    #: scene, kinematics, outputs: the scene, its rigid kinematics and its outputs
     scene: Scene
     kinematics: RigidKinematics
     outputs: OutputSet
-    largest_batch: int
-    identity: str
+    largest_batch: int  # most samples that a batch has
+    identity: str  # checksum of what the model is made of besides the scene's text: meshes, or a reduced model's tables
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""
@@ -71,10 +61,7 @@ def require_lengths(scene: Scene, values: Mapping[str, np.ndarray | float]) -> N
 def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
 
-    Raises
-    ------
-    InputError
-        If the run is to start at rest, and a prescribed motion does not.
+    Raises `InputError` if the run is to start at rest, and a prescribed motion does not.
     """
     motions = motions_of(scene, mechanism)
     start = []

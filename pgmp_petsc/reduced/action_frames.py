@@ -83,79 +83,45 @@ def spin_of(phi, factors, rate, spin):
 
 
 class Places(NamedTuple):
-    """Where actions hold.
+    """Where actions hold."""
 
-    Attributes
-    ----------
-    fine
-        Cells of `rigid` along every coordinate.
-    rigid
-        Polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
-        winding, 0 where they have none, shape (n_cells, n_terms, (n_nodes * n_frame + n_actions) * 4**n_theta).
-    shapes
-        Polynomials of Psi and chi, shape (n_cells, n_terms, n_nodes * n_dofs * n_shapes * 4**n_theta).
-    together
-        As many zeros as there are terms: all of them add to one polynomial.
-    winding
-        What the angles of the actions turn with each coordinate on the whole, shape (n_actions, n_theta).
-    sides
-        Node of both sides of each action, -1 on the ground, shape (n_actions, 2).
-    n_nodes
-        Number of nodes.
-    """
-
-    fine: tuple[Grid, ...]
+    fine: tuple[Grid, ...]  # cells of `rigid` along every coordinate
+    #: polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
+    #: winding, 0 where they have none, shape (n_cells, n_terms, (n_nodes * n_frame + n_actions) * 4**n_theta)
     rigid: np.ndarray
-    shapes: np.ndarray
-    together: np.ndarray
+    shapes: np.ndarray  # polynomials of Psi and chi, shape (n_cells, n_terms, n_nodes * n_dofs * n_shapes * 4**n_theta)
+    together: np.ndarray  # as many zeros as there are terms: all of them add to one polynomial
+    #: what the angles of the actions turn with each coordinate on the whole, shape (n_actions, n_theta)
     winding: np.ndarray
-    sides: np.ndarray
-    n_nodes: int
+    sides: np.ndarray  # node of both sides of each action, -1 on the ground, shape (n_actions, 2)
+    n_nodes: int  # number of nodes
 
 
 class KeptPlaces(NamedTuple):
-    """Polynomials of the cells that the samples of a block are in.
+    """Polynomials of the cells that the samples of a block are in."""
 
-    Attributes
-    ----------
-    cells
-        Numbers of the cells of `shapes` and `rigid`, -1 before the first, vectors (2, LANES).
-    weights
-        Of the terms of the places, vectors (n_terms, LANES).
-    rigid, shapes
-        See `Places`; vectors (n_coefficients, LANES).
-    """
-
-    cells: np.ndarray
-    weights: np.ndarray
+    cells: np.ndarray  # numbers of the cells of `shapes` and `rigid`, -1 before the first, vectors (2, LANES)
+    weights: np.ndarray  # of the terms of the places, vectors (n_terms, LANES)
+    #: rigid, shapes: see `Places`; vectors (n_coefficients, LANES)
     rigid: np.ndarray
     shapes: np.ndarray
 
 
 class Frames(NamedTuple):
-    """Frames of the nodes of a block of samples, with what they are made of; arrays of vectors (..., LANES).
+    """Frames of the nodes of a block of samples, with what they are made of; arrays of vectors (..., LANES)."""
 
-    Attributes
-    ----------
-    place
-        In the cells, (n_theta), rad.
-    rigid, rigid_slopes
-        Tables at theta, and their derivatives, coordinate after coordinate.
-    moved, moving
-        Displacement and rotation of a node in its body's frame, (n_dofs), and derivatives, (n_dofs, n_eta).
-    turn, spin
-        ``exp(phi)`` in space and its change with a coordinate, (3, 3) and (3).
-    frames, jacobians
-        Of the nodes, (n_nodes, n_frame) and (n_nodes, n_frame, n_eta).
-    """
-
-    place: np.ndarray
+    place: np.ndarray  # in the cells, (n_theta), rad
+    #: rigid, rigid_slopes: tables at theta, and their derivatives, coordinate after coordinate
     rigid: np.ndarray
     rigid_slopes: np.ndarray
+    #: moved, moving: displacement and rotation of a node in its body's frame, (n_dofs), and derivatives, (n_dofs,
+    #: n_eta)
     moved: np.ndarray
     moving: np.ndarray
+    #: turn, spin: ``exp(phi)`` in space and its change with a coordinate, (3, 3) and (3)
     turn: np.ndarray
     spin: np.ndarray
+    #: frames, jacobians: of the nodes, (n_nodes, n_frame) and (n_nodes, n_frame, n_eta)
     frames: np.ndarray
     jacobians: np.ndarray
 

@@ -44,18 +44,10 @@ class LocalEffects(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """Terms that actions add to the equations of motion of a batch; empty where there are none.
+    """Terms that actions add to the equations of motion of a batch; empty where there are none."""
 
-    Attributes
-    ----------
-    balance
-        ``- J^T F g`` of all actions, shape (n_blocks, n_eta, LANES).
-    tangent
-        Its derivative with eta, shape (n_blocks, n_eta, n_eta, LANES).
-    """
-
-    balance: np.ndarray
-    tangent: np.ndarray
+    balance: np.ndarray  # ``- J^T F g`` of all actions, shape (n_blocks, n_eta, LANES)
+    tangent: np.ndarray  # its derivative with eta, shape (n_blocks, n_eta, n_eta, LANES)
 
     @classmethod
     def empty(cls, n_blocks: int, n_eta: int) -> Acting:
@@ -64,33 +56,19 @@ class Acting(NamedTuple):
 
 
 class LocalWork(NamedTuple):
-    """Work arrays of local effects, for one block of samples; arrays of vectors (..., LANES).
+    """Work arrays of local effects, for one block of samples; arrays of vectors (..., LANES)."""
 
-    Attributes
-    ----------
-    frames
-        Of the nodes.
-    z, gradient, spare
-        Of one action's two frames, (2 n_frame).
-    hessian
-        Of its statement, (2 n_frame, 2 n_frame).
-    jacobian
-        Of its frames, (2 n_frame, n_eta).
-    bent, projected
-        A row of h J, and ``J^T g``, (n_eta).
-    measured
-        The measure and its rate, the force and its derivatives, (5).
-    """
-
-    frames: Frames
+    frames: Frames  # of the nodes
+    #: z, gradient, spare: of one action's two frames, (2 n_frame)
     z: np.ndarray
     gradient: np.ndarray
     spare: np.ndarray
-    hessian: np.ndarray
-    jacobian: np.ndarray
+    hessian: np.ndarray  # of its statement, (2 n_frame, 2 n_frame)
+    jacobian: np.ndarray  # of its frames, (2 n_frame, n_eta)
+    #: bent, projected: a row of h J, and ``J^T g``, (n_eta)
     bent: np.ndarray
     projected: np.ndarray
-    measured: np.ndarray
+    measured: np.ndarray  # the measure and its rate, the force and its derivatives, (5)
 
 
 MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING = range(5)  # rows of `LocalWork.measured`

@@ -28,27 +28,14 @@ from pgmp_petsc.runtime.vectors import N_POWERS
 
 @dataclass(frozen=True)
 class ReducedActions:
-    """The actions of a scene in the reduced model.
+    """The actions of a scene in the reduced model."""
 
-    Attributes
-    ----------
-    actions
-        Actions of all effects.
-    places
-        Where they hold; without actions all of its arrays are empty.
-    dimension
-        2 in the plane, 3 in space.
-    rigid
-        What the rigid part of `places` was made from, `rigid_places`; None without actions.
-    weights
-        Of the terms of `places`.
-    """
-
-    actions: tuple[Action, ...]
-    places: Places
-    dimension: int = 2
+    actions: tuple[Action, ...]  # actions of all effects
+    places: Places  # where they hold; without actions all of its arrays are empty
+    dimension: int = 2  # 2 in the plane, 3 in space
+    #: what the rigid part of `places` was made from, `rigid_places`; None without actions
     rigid: Interpolant | None = None
-    weights: tuple[Monomial, ...] = (Monomial(),)
+    weights: tuple[Monomial, ...] = (Monomial(),)  # of the terms of `places`
 
     @classmethod
     def of(

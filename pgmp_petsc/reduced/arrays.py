@@ -24,19 +24,10 @@ class Layout(NamedTuple):
     c_kl, k >= l, and A_k; packed structural damping, if there is any; and the end. A load row has n_eta entries, and
     with terms of second order packed B after them. Symmetric matrices are packed as lower triangles row by row, skew
     ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
-
-    Attributes
-    ----------
-    rigid
-        Numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are.
-    n_eta
-        Number of coordinates.
-    quadratic
-        Whether inertia forces quadratic in the velocities act; in slow motion they may be left out.
     """
 
-    rigid: tuple[int, ...]
-    n_eta: int
+    rigid: tuple[int, ...]  # numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are
+    n_eta: int  # number of coordinates
     coupling: int
     stiffness: int
     cubic: int
@@ -45,7 +36,7 @@ class Layout(NamedTuple):
     damping: int
     end: int
     load_end: int
-    quadratic: bool
+    quadratic: bool  # whether inertia forces quadratic in the velocities act; in slow motion they may be left out
 
     @property
     def second_order(self) -> bool:
@@ -59,71 +50,45 @@ class Layout(NamedTuple):
 
 
 class Work(NamedTuple):
-    """State of one block of samples, and what is evaluated there: arrays of vectors (n, LANES).
+    """State of one block of samples, and what is evaluated there: arrays of vectors (n, LANES)."""
 
-    Attributes
-    ----------
-    q, rate, acceleration
-        Coordinates of the iterate and their derivatives, n_eta each.
-    v, a
-        Velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
-        ``Layout.quadratic``), n_eta each.
-    balance
-        The residual, n_eta.
-    rigid, rigid_slope
-        Packed rigid inertia, and its derivatives, coordinate after coordinate.
-    load, load_slope
-        ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
-    moved, pulled, turned
-        ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate
-        after coordinate.
-    bent
-        ``V delta``, packed.
-    along, across
-        Products of a matrix with delta and with delta', n_delta each.
-    place
-        In the cells, n_theta, rad.
-    """
-
+    #: q, rate, acceleration: coordinates of the iterate and their derivatives, n_eta each
     q: np.ndarray
     rate: np.ndarray
     acceleration: np.ndarray
+    #: v, a: velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
+    #: ``Layout.quadratic``), n_eta each
     v: np.ndarray
     a: np.ndarray
-    balance: np.ndarray
+    balance: np.ndarray  # the residual, n_eta
+    #: rigid, rigid_slope: packed rigid inertia, and its derivatives, coordinate after coordinate
     rigid: np.ndarray
     rigid_slope: np.ndarray
+    #: load, load_slope: ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate
     load: np.ndarray
     load_slope: np.ndarray
+    #: moved, pulled, turned: ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta``
+    #: (n_delta), coordinate after coordinate
     moved: np.ndarray
     pulled: np.ndarray
     turned: np.ndarray
-    bent: np.ndarray
+    bent: np.ndarray  # ``V delta``, packed
+    #: along, across: products of a matrix with delta and with delta', n_delta each
     along: np.ndarray
     across: np.ndarray
-    place: np.ndarray
+    place: np.ndarray  # in the cells, n_theta, rad
 
 
 class Matrix(NamedTuple):
-    """Iteration matrix ``[[corner, row], [column, factor]]`` of one block of samples, arrays of vectors (n, LANES).
+    """Iteration matrix ``[[corner, row], [column, factor]]`` of one block of samples, arrays of vectors (n, LANES)."""
 
-    Attributes
-    ----------
-    factor
-        Symmetric part of the flexible block, packed, or the lower one of its factors.
-    corner
-        ``d r_k / d theta_j``, row by row; n_theta^2 entries.
-    column, row
-        ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
-    skew
-        Skew part of the flexible block, packed, with a diagonal that is not used, or the upper one of its factors; no
-        entries without terms of second order.
-    """
-
-    factor: np.ndarray
-    corner: np.ndarray
+    factor: np.ndarray  # symmetric part of the flexible block, packed, or the lower one of its factors
+    corner: np.ndarray  # ``d r_k / d theta_j``, row by row; n_theta^2 entries
+    #: column, row: ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k
     column: np.ndarray
     row: np.ndarray
+    #: skew part of the flexible block, packed, with a diagonal that is not used, or the upper one of its factors; no
+    #: entries without terms of second order
     skew: np.ndarray
 
 
@@ -163,83 +128,45 @@ class Weights(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """Parts of the equations of motion of a batch.
+    """Parts of the equations of motion of a batch."""
 
-    Attributes
-    ----------
-    layout
-        Parts of a table row.
-    grid
-        `Grid` of every coordinate.
-    tables, weights
-        See `Tables`, `Weights`.
-    local
-        Local effects.
-    mass_damping
-        Factor alpha of the damping proportional to the mass, 1/s.
-    prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
-    scale
-        Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
-    """
-
-    layout: Layout
-    grid: tuple[Grid, ...]
+    layout: Layout  # parts of a table row
+    grid: tuple[Grid, ...]  # `Grid` of every coordinate
+    #: tables, weights: see `Tables`, `Weights`
     tables: Tables
     weights: Weights
-    local: LocalEffects
-    mass_damping: float
-    prescribed: np.ndarray
+    local: LocalEffects  # local effects
+    mass_damping: float  # factor alpha of the damping proportional to the mass, 1/s
+    prescribed: np.ndarray  # whether a coordinate's motion is given, shape (n_theta,)
+    #: displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,)
     scale: np.ndarray
 
 
 class Memory(NamedTuple):
-    """Values kept of every block from one evaluation to the next.
+    """Values kept of every block from one evaluation to the next."""
 
-    Attributes
-    ----------
-    samples
-        Number of the sample in each lane, (n_blocks, LANES); where none is left the last one again.
-    cells
-        Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
-    rigid, terms, loads
-        Polynomials there, (n_blocks, n_entries * n_powers, LANES): of the rigid inertia, of the other terms, and of a
-        unit of every effect's amplitude, effect after effect.
-    matrix
-        Iteration matrices, each array with an axis of blocks in front.
-    places
-        `KeptPlaces` of the local effects, each array with an axis of blocks in front.
-    acting
-        What local effects add; see `action_kernel.Acting`.
-    known, depths
-        See `action_kernel.act`.
-    """
-
-    samples: np.ndarray
-    cells: np.ndarray
+    samples: np.ndarray  # number of the sample in each lane, (n_blocks, LANES); where none is left the last one again
+    cells: np.ndarray  # numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES)
+    #: rigid, terms, loads: polynomials there, (n_blocks, n_entries * n_powers, LANES): of the rigid inertia, of the
+    #: other terms, and of a unit of every effect's amplitude, effect after effect
     rigid: np.ndarray
     terms: np.ndarray
     loads: np.ndarray
-    matrix: Matrix
-    places: KeptPlaces
-    acting: Acting
+    matrix: Matrix  # iteration matrices, each array with an axis of blocks in front
+    places: KeptPlaces  # `KeptPlaces` of the local effects, each array with an axis of blocks in front
+    acting: Acting  # what local effects add; see `action_kernel.Acting`
+    #: known, depths: see `action_kernel.act`
     known: np.ndarray
     depths: np.ndarray
 
 
 class Strengths(NamedTuple):
-    """Strengths at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES).
+    """Strengths at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES)."""
 
-    Attributes
-    ----------
-    loads, actions
-        Amplitudes of the effects with loads, n_effects, and of the actions, n_actions.
-    motions
-        Position, velocity and acceleration of every coordinate, where they are given, 3 n_theta; none if none are.
-    """
-
+    #: loads, actions: amplitudes of the effects with loads, n_effects, and of the actions, n_actions
     loads: np.ndarray
     actions: np.ndarray
+    #: position, velocity and acceleration of every coordinate, where they are given, 3 n_theta; none if none are
     motions: np.ndarray
 
 

@@ -60,28 +60,16 @@ from pgmp_petsc.stepping.status import Outcome
 
 
 class Clocks(NamedTuple):
-    """Next steps of the lanes of a block, and values kept of the beginning of their steps.
+    """Next steps of the lanes of a block, and values kept of the beginning of their steps."""
 
-    Attributes
-    ----------
-    pace
-        Length of the step or of a part of it (s), and the derivatives of velocities and accelerations with positions
-        that belong to it, vectors (3, LANES).
-    strengths
-        What acts at its end.
-    search
-        Of the edges of laws.
-    kept
-        State at the beginning of a step in which edges are searched, as `reduced_steps.advance` takes it.
-    rows
-        Of the trail, the next one to be filled, (LANES,).
-    """
-
+    #: length of the step or of a part of it (s), and the derivatives of velocities and accelerations with positions
+    #: that belong to it, vectors (3, LANES)
     pace: np.ndarray
-    strengths: Strengths
-    search: EdgeSearch
+    strengths: Strengths  # what acts at its end
+    search: EdgeSearch  # of the edges of laws
+    #: state at the beginning of a step in which edges are searched, as `reduced_steps.advance` takes it
     kept: tuple[np.ndarray, ...]
-    rows: np.ndarray
+    rows: np.ndarray  # of the trail, the next one to be filled, (LANES,)
 
 
 STEP, GAIN_V, GAIN_A = range(3)  # rows of a pace
@@ -193,27 +181,14 @@ NEWTON_TOLERANCE = 1e-11
 
 
 class Progress(NamedTuple):
-    """How far samples went.
+    """How far samples went."""
 
-    Attributes
-    ----------
-    outcome
-        An `Outcome` of every sample, (n_blocks, LANES).
-    n_steps
-        Steps that are behind it, (n_blocks, LANES).
-    n_corrections
-        Newton corrections, all samples together, shape (1,).
-    beyond
-        Whether the sample is beyond the edges of laws, (n_samples, n_events); brought up to date.
-    shown, trail
-        Numbers of the steps that somebody wants to see, increasing, and positions, velocities and accelerations after
-        them, (n_t, 3, n_samples, n_eta).
-    """
-
-    outcome: np.ndarray
-    n_steps: np.ndarray
-    n_corrections: np.ndarray
-    beyond: np.ndarray
+    outcome: np.ndarray  # an `Outcome` of every sample, (n_blocks, LANES)
+    n_steps: np.ndarray  # steps that are behind it, (n_blocks, LANES)
+    n_corrections: np.ndarray  # Newton corrections, all samples together, shape (1,)
+    beyond: np.ndarray  # whether the sample is beyond the edges of laws, (n_samples, n_events); brought up to date
+    #: shown, trail: numbers of the steps that somebody wants to see, increasing, and positions, velocities and
+    #: accelerations after them, (n_t, 3, n_samples, n_eta)
     shown: np.ndarray
     trail: np.ndarray
 

@@ -39,24 +39,12 @@ from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 
 @dataclass(frozen=True)
 class ReducedDamping:
-    """Structural damping of a reduced model.
+    """Structural damping of a reduced model."""
 
-    Attributes
-    ----------
-    effect
-        Name of the effect, or of several.
-    mass
-        Factor alpha that all bodies have in common, 1/s.
-    weights
-        Monomials of the terms of D.
-    table
-        ``D_i`` at the samples, symmetric, shape (n, n_terms, n_eta, n_eta).
-    """
-
-    effect: str
-    mass: float
-    weights: tuple[Monomial, ...]
-    table: np.ndarray
+    effect: str  # name of the effect, or of several
+    mass: float  # factor alpha that all bodies have in common, 1/s
+    weights: tuple[Monomial, ...]  # monomials of the terms of D
+    table: np.ndarray  # ``D_i`` at the samples, symmetric, shape (n, n_terms, n_eta, n_eta)
 
     @classmethod
     def of(
@@ -117,38 +105,20 @@ WIDEST = 2 * np.pi / 48
 
 @dataclass(frozen=True, eq=False)
 class ReducedTerms:
-    """Interpolated terms of a reduced model.
+    """Interpolated terms of a reduced model."""
 
-    Attributes
-    ----------
-    tables
-        The tables they were made from.
-    weights
-        Monomials of the terms of mass and stiffness together.
-    rigid
-        Packed rigid inertia of every term, rows of shape (n_terms, n_theta (n_theta + 1) / 2).
-    terms
-        Packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second
-        order, and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The
-        first entries, the rigid inertia, are not used.
-    layout
-        Where these parts begin.
-    load
-        Load terms, rows of shape (n_load_terms, layout.load_end).
-    scale
-        Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
-    damping
-        Structural damping, if there is any.
-    """
-
-    tables: ReducedTables
-    weights: tuple[Monomial, ...]
-    rigid: Interpolant
+    tables: ReducedTables  # the tables they were made from
+    weights: tuple[Monomial, ...]  # monomials of the terms of mass and stiffness together
+    rigid: Interpolant  # packed rigid inertia of every term, rows of shape (n_terms, n_theta (n_theta + 1) / 2)
+    #: packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second
+    #: order, and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The
+    #: first entries, the rigid inertia, are not used.
     terms: Interpolant
-    layout: Layout
-    load: Interpolant
+    layout: Layout  # where these parts begin
+    load: Interpolant  # load terms, rows of shape (n_load_terms, layout.load_end)
+    #: displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,)
     scale: np.ndarray
-    damping: ReducedDamping | None = None
+    damping: ReducedDamping | None = None  # structural damping, if there is any
 
     @cached_property
     def damping_terms(self) -> Interpolant:

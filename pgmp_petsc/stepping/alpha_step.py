@@ -80,28 +80,15 @@ def judge(iteration, size, last, expected, active, lost):
 
 @dataclass(frozen=True, eq=False)
 class StepsTaken:
-    """Equal steps, one after the other; arrays have a leading axis of steps.
+    """Equal steps, one after the other; arrays have a leading axis of steps."""
 
-    Attributes
-    ----------
-    states, auxiliary
-        States and auxiliary accelerations at their ends.
-    contraction
-        Of Newton's iteration, as it is expected in the next step, shape (n, n_samples).
-    lost
-        Mask of the samples whose iteration failed in the last of them, shape (n_samples,).
-    n_corrections
-        Newton corrections, all samples together, shape (n,).
-    n_calls
-        Calls of the system.
-    """
-
+    #: states, auxiliary: states and auxiliary accelerations at their ends
     states: State
     auxiliary: np.ndarray
-    contraction: np.ndarray
-    lost: np.ndarray
-    n_corrections: np.ndarray
-    n_calls: int = 1
+    contraction: np.ndarray  # of Newton's iteration, as it is expected in the next step, shape (n, n_samples)
+    lost: np.ndarray  # mask of the samples whose iteration failed in the last of them, shape (n_samples,)
+    n_corrections: np.ndarray  # Newton corrections, all samples together, shape (n,)
+    n_calls: int = 1  # calls of the system
 
     def __len__(self) -> int:
         return len(self.auxiliary)
@@ -114,28 +101,15 @@ class StepsTaken:
 
 @dataclass(frozen=True, eq=False)
 class StepsAsked:
-    """Equal steps that a system is asked to take.
+    """Equal steps that a system is asked to take."""
 
-    Attributes
-    ----------
-    moment
-        At the beginning.
-    ends, step
-        Ends of the steps, shape (n,), and length of each, s.
-    probed
-        Which of them are corrected as if nothing were known of the contraction, shape (n,).
-    scheme
-        Coefficients for a step.
-    samples
-        Mask of the samples to advance, shape (n_samples,).
-    """
-
-    moment: Moment
+    moment: Moment  # at the beginning
+    #: ends, step: ends of the steps, shape (n,), and length of each, s
     ends: np.ndarray
     step: float
-    probed: np.ndarray
-    scheme: Scheme
-    samples: np.ndarray
+    probed: np.ndarray  # which of them are corrected as if nothing were known of the contraction, shape (n,)
+    scheme: Scheme  # coefficients for a step
+    samples: np.ndarray  # mask of the samples to advance, shape (n_samples,)
 
     def taken_by_corrections(self, system: SecondOrderSystem) -> StepsTaken:
         """Return the first step, taken by a system's corrections one by one."""
@@ -154,38 +128,21 @@ class StepsAsked:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Steps of a run that some samples are to take, each until it is done or something happens to it.
+    """Steps of a run that some samples are to take, each until it is done or something happens to it."""
 
-    Attributes
-    ----------
-    stepper
-        Steps of the system.
-    moment
-        Where samples are; brought up to date. One to which something happens stays at the beginning of that step.
-    first, ends
-        Number of the first step in the run; ends of the steps, shape (n,), s.
-    step
-        s.
-    samples
-        Mask, shape (n_samples,).
-    beyond
-        Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
-        them by itself.
-    shown
-        Numbers of the steps that somebody wants to see, increasing, shape (n_t,).
-    trail
-        The states after these, of the samples that are advanced; filled.
-    """
-
-    stepper: AlphaStep
+    stepper: AlphaStep  # steps of the system
+    #: where samples are; brought up to date. One to which something happens stays at the beginning of that step.
     moment: Moment
+    #: first, ends: number of the first step in the run; ends of the steps, shape (n,), s
     first: int
     ends: np.ndarray
-    step: float
-    samples: np.ndarray
+    step: float  # s
+    samples: np.ndarray  # mask, shape (n_samples,)
+    #: whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
+    #: them by itself
     beyond: np.ndarray
-    shown: np.ndarray
-    trail: State
+    shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
+    trail: State  # the states after these, of the samples that are advanced; filled
 
     def advanced_together(self, system: SecondOrderSystem) -> tuple[np.ndarray, np.ndarray]:
         """Advance the samples side by side, up to a step that is too much for one, and none over an edge; return as

@@ -43,10 +43,7 @@ TIME_TOLERANCE = 1e-9  # of the duration: far above the round-off in the sum of 
 def check_ts_options() -> None:
     """Refuse options with the prefix of a TS of this program, unless they only look on.
 
-    Raises
-    ------
-    InputError
-        Naming the first option that is refused; the same on all ranks, because options are.
+    Raises `InputError`, naming the first option that is refused; the same on all ranks, because options are.
     """
     for prefix in (PREFIX, ERROR_PREFIX):
         for name, value in sorted(options_of(prefix).items()):
@@ -60,13 +57,7 @@ def check_ts_options() -> None:
 
 
 def check_end(ts: PETSc.TS, n_steps: int, duration: float) -> None:
-    """Check that a TS has done all its steps.
-
-    Raises
-    ------
-    RunError
-        If it stopped early or went on, with PETSc's reason.
-    """
+    """Check that a TS has done all its steps. Raises `RunError` if it stopped early or went on, with PETSc's reason."""
     reason, done, time = ts.getConvergedReason(), ts.getStepNumber(), ts.getTime()
     if reason <= 0 or done != n_steps or not abs(time - duration) <= TIME_TOLERANCE * duration:
         raise RunError(

@@ -45,39 +45,22 @@ NOW, BEFORE, ACROSS, DEPTH_NOW, DEPTH_BEFORE, DEPTH_ACROSS, CHANGE, CHANGE_BEFOR
 
 
 class EdgeSearch(NamedTuple):
-    """How far the search in the lanes of a block is.
+    """How far the search in the lanes of a block is."""
 
-    Attributes
-    ----------
-    stage
-        What the trial is for, shape (LANES,).
-    n_found, n_trials
-        Edges found, and trials, in this step, (LANES,).
-    edge, nearest
-        The edge that is looked for, and the nearest one of those found, (LANES,).
-    duration
-        Length of the trial, s, (LANES,).
-    left, first
-        What is left of the step, and how much of it there is up to the nearest edge, s, (LANES,).
-    depths
-        How far each edge is crossed at the end of the rest, (n_events, LANES).
-    bracket
-        See above, (8, LANES).
-    beyond
-        Which edges were crossed at the beginning of the step, (n_events, LANES).
-    """
-
-    stage: np.ndarray
+    stage: np.ndarray  # what the trial is for, shape (LANES,)
+    #: n_found, n_trials: edges found, and trials, in this step, (LANES,)
     n_found: np.ndarray
     n_trials: np.ndarray
+    #: edge, nearest: the edge that is looked for, and the nearest one of those found, (LANES,)
     edge: np.ndarray
     nearest: np.ndarray
-    duration: np.ndarray
+    duration: np.ndarray  # length of the trial, s, (LANES,)
+    #: left, first: what is left of the step, and how much of it there is up to the nearest edge, s, (LANES,)
     left: np.ndarray
     first: np.ndarray
-    depths: np.ndarray
-    bracket: np.ndarray
-    beyond: np.ndarray
+    depths: np.ndarray  # how far each edge is crossed at the end of the rest, (n_events, LANES)
+    bracket: np.ndarray  # see above, (8, LANES)
+    beyond: np.ndarray  # which edges were crossed at the beginning of the step, (n_events, LANES)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -287,21 +270,14 @@ Place = tuple[State, np.ndarray]  # a state, and the auxiliary accelerations the
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of a step, as one sample takes it.
+    """A part of a step, as one sample takes it."""
 
-    Attributes
-    ----------
-    end, duration
-        s.
-    edge
-        The edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end.
-    state, auxiliary
-        State and auxiliary accelerations at its end.
-    """
-
+    #: end, duration: s
     end: float
     duration: float
+    #: the edge that it goes up to, -1 where there is none; the last part may have both, an edge and the step's end
     edge: int
+    #: state, auxiliary: state and auxiliary accelerations at its end
     state: State
     auxiliary: np.ndarray
 

@@ -13,21 +13,14 @@ import numpy as np
 
 @dataclass
 class Energies:
-    """Energies of a system, of n samples at one instant or of one sample at n instants.
+    """Energies of a system, of n samples at one instant or of one sample at n instants."""
 
-    Attributes
-    ----------
-    kinetic, strain
-        Shape (n,), J.
-    potential
-        Potential energy of each effect that has one, by its name, shape (n,), J.
-    powers
-        Power of each effect but for what is in its potential energy, by its name, shape (n,), W.
-    """
-
+    #: kinetic, strain: shape (n,), J
     kinetic: np.ndarray
     strain: np.ndarray
+    #: potential energy of each effect that has one, by its name, shape (n,), J
     potential: dict[str, np.ndarray] = field(default_factory=dict)
+    #: power of each effect but for what is in its potential energy, by its name, shape (n,), W
     powers: dict[str, np.ndarray] = field(default_factory=dict)
 
     def add_potential(self, effect: str, energy: np.ndarray) -> None:

@@ -47,15 +47,9 @@ EachStep = Callable[[int, float, State], object]
 
 
 class Observer:
-    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards.
+    """Sees the states of a run as it goes on. Those that it is shown do not change afterwards."""
 
-    Attributes
-    ----------
-    every
-        Steps of which it is to see one, beside start and end; it may be shown more.
-    """
-
-    every: int = 1
+    every: int = 1  # steps of which it is to see one, beside start and end; it may be shown more
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """See the state after a step, given by its number, 0 for the start."""
@@ -315,25 +309,14 @@ class GeneralisedAlpha:
 
 @dataclass(frozen=True)
 class Run:
-    """Result of an integration.
+    """Result of an integration."""
 
-    Attributes
-    ----------
-    state
-        Final state.
-    status, failure_time
-        Of every sample, shape (n_samples,).
-    n_steps
-        Number of steps.
-    counted
-        See `AlphaStep`.
-    """
-
-    state: State
+    state: State  # final state
+    #: status, failure_time: of every sample, shape (n_samples,)
     status: np.ndarray
     failure_time: np.ndarray
-    n_steps: int
-    counted: np.ndarray
+    n_steps: int  # number of steps
+    counted: np.ndarray  # see `AlphaStep`
 
     @property
     def n_iterations(self) -> int:
@@ -371,6 +354,9 @@ def integrate(
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
+    Raises `InputError` if an option of PETSc would change what the scene asks for; `RunError` if the run ends early,
+    with PETSc's reason. A sample that fails ends nothing: it is a status.
+
     Parameters
     ----------
     system
@@ -386,13 +372,6 @@ def integrate(
     pulse
         Called at every step of the driver, which may be many of the integrator's, with the share of all steps that are
         behind it.
-
-    Raises
-    ------
-    InputError
-        If an option of PETSc would change what the scene asks for.
-    RunError
-        If the run ends early, with PETSc's reason. A sample that fails ends nothing: it is a status.
     """
     check_ts_options()
     if alive is None:
@@ -410,41 +389,22 @@ def integrate(
 
 @dataclass(frozen=True)
 class Attempt:
-    """Samples and step of an integration from time 0.
+    """Samples and step of an integration from time 0."""
 
-    Attributes
-    ----------
-    samples
-        Numbers of the samples in the batch, shape (n,).
-    alive
-        Which of these are to be integrated at all, shape (n,).
-    simulation
-        The scene's, with the step of this attempt.
-    divisor
-        By which the scene's step is divided.
-    """
-
-    samples: np.ndarray
-    alive: np.ndarray
-    simulation: Simulation
-    divisor: int
+    samples: np.ndarray  # numbers of the samples in the batch, shape (n,)
+    alive: np.ndarray  # which of these are to be integrated at all, shape (n,)
+    simulation: Simulation  # the scene's, with the step of this attempt
+    divisor: int  # by which the scene's step is divided
 
 
 @dataclass(frozen=True)
 class RetriedRun:
-    """Result of a batch, with repeated attempts.
+    """Result of a batch, with repeated attempts."""
 
-    Attributes
-    ----------
-    status, failure_time
-        Of every sample in its last attempt, shape (n_samples,).
-    divisors
-        By what the scene's step was divided in that attempt, shape (n_samples,).
-    """
-
+    #: status, failure_time: of every sample in its last attempt, shape (n_samples,)
     status: np.ndarray
     failure_time: np.ndarray
-    divisors: np.ndarray
+    divisors: np.ndarray  # by what the scene's step was divided in that attempt, shape (n_samples,)
 
 
 def integrate_with_smaller_steps(

@@ -16,20 +16,13 @@ class SampleBlocks:
     """Blocks of samples side by side; the last is filled up with copies of the last sample that are never active.
 
     A sample's numbers do not depend on how many lie beside it.
-
-    Attributes
-    ----------
-    n_samples
-        Number of samples.
-    n_lanes, n_blocks
-        Samples of a block, LANES but for a sample alone, and number of blocks.
-    order
-        Numbers of the samples as they lie in the lanes, shape (n_samples,); None where they lie one after the other.
     """
 
-    n_samples: int
+    n_samples: int  # number of samples
+    #: n_lanes, n_blocks: samples of a block, LANES but for a sample alone, and number of blocks
     n_lanes: int
     n_blocks: int
+    #: numbers of the samples as they lie in the lanes, shape (n_samples,); None where they lie one after the other
     order: np.ndarray | None = None
 
     @classmethod

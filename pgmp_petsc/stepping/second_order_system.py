@@ -21,23 +21,15 @@ AT_ONCE = 50
 
 @dataclass
 class State:
-    """State at one time; the arrays have the system's own shapes, all samples together.
+    """State at one time; the arrays have the system's own shapes, all samples together."""
 
-    Attributes
-    ----------
-    q, v, a
-        Coordinates, velocities, accelerations.
-    multipliers
-        Lagrange multipliers; of size zero for a system without constraints.
-    turns
-        Angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one
-        before; of size zero where there are none.
-    """
-
+    #: q, v, a: coordinates, velocities, accelerations
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    multipliers: np.ndarray
+    multipliers: np.ndarray  # Lagrange multipliers; of size zero for a system without constraints
+    #: angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one
+    #: before; of size zero where there are none
     turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def copy(self) -> State:
@@ -54,22 +46,13 @@ class State:
 
 
 class Moment(NamedTuple):
-    """Where samples are between two steps.
+    """Where samples are between two steps."""
 
-    Attributes
-    ----------
-    state, auxiliary
-        State, and the auxiliary accelerations there.
-    before
-        Accelerations one step before, from which the next ones are extrapolated.
-    contraction
-        Of Newton's iteration, as it is expected in the next step, shape (n_samples,).
-    """
-
+    #: state, auxiliary: state, and the auxiliary accelerations there
     state: State
     auxiliary: np.ndarray
-    before: np.ndarray
-    contraction: np.ndarray
+    before: np.ndarray  # accelerations one step before, from which the next ones are extrapolated
+    contraction: np.ndarray  # of Newton's iteration, as it is expected in the next step, shape (n_samples,)
 
 
 @dataclass(frozen=True)
@@ -105,38 +88,18 @@ class SecondOrderSystem:
 
     Samples are numbered 0 to n_samples - 1 whatever the shapes of the state's arrays. What a model does not say is as
     of one without constraints that move, edges and limits of laws, turns, and steps of its own.
-
-    Attributes
-    ----------
-    comm
-        Ranks that share the samples.
-    n_samples
-        Number of samples.
-    settled
-        Static equilibria that the samples start from, None where they start undeformed.
-    n_events
-        Edges of laws whose crossing is to be found in time.
-    steps_at_once
-        Steps that the samples are to take at most until they meet.
-    has_light_nodes
-        Whether a run begins with other accelerations than those of the start; see `first_accelerations`.
-    rubs
-        Whether nothing is to be concluded from how an iteration contracted in the step before.
-    has_range
-        Whether samples may leave the model's range of validity (`outside`).
-    moving_constraints
-        Whether constraints turn or follow motions; see `AlphaStep`.
     """
 
-    comm: MPI.Comm
-    n_samples: int
-    settled: Settled | None = None
-    n_events: int = 0
-    steps_at_once: int = 1
+    comm: MPI.Comm  # ranks that share the samples
+    n_samples: int  # number of samples
+    settled: Settled | None = None  # static equilibria that the samples start from, None where they start undeformed
+    n_events: int = 0  # edges of laws whose crossing is to be found in time
+    steps_at_once: int = 1  # steps that the samples are to take at most until they meet
+    #: whether a run begins with other accelerations than those of the start; see `first_accelerations`
     has_light_nodes: bool = False
-    rubs: bool = False
-    has_range: bool = False
-    moving_constraints: bool = False
+    rubs: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
+    has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
+    moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
 
     def start(self) -> State:
         """Return the consistent state at time 0."""

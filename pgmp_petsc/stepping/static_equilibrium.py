@@ -72,30 +72,14 @@ class Statics(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Where samples start.
+    """Where samples start."""
 
-    Attributes
-    ----------
-    theta
-        Rigid coordinates, shape (n_samples, n_theta), rad.
-    unknowns
-        Of the model, a column a sample.
-    reasons
-        Why a sample has no equilibrium, by its number.
-    unstable
-        Mask of the samples whose equilibrium is unstable.
-    names
-        Of the coordinates.
-    free
-        Whether any coordinate was free.
-    """
-
-    theta: np.ndarray
-    unknowns: np.ndarray
-    reasons: dict[int, str]
-    unstable: np.ndarray
-    names: tuple[str, ...]
-    free: bool
+    theta: np.ndarray  # rigid coordinates, shape (n_samples, n_theta), rad
+    unknowns: np.ndarray  # of the model, a column a sample
+    reasons: dict[int, str]  # why a sample has no equilibrium, by its number
+    unstable: np.ndarray  # mask of the samples whose equilibrium is unstable
+    names: tuple[str, ...]  # of the coordinates
+    free: bool  # whether any coordinate was free
 
     @property
     def lost(self) -> np.ndarray:
@@ -112,38 +96,21 @@ class Settled:
         return state
 
     def require(self) -> None:
-        """Refuse a single run without equilibrium.
-
-        Raises
-        ------
-        InputError
-            With the reason.
-        """
+        """Refuse a single run without equilibrium. Raises `InputError`, with the reason."""
         if self.reasons:
             raise InputError(self.reasons[min(self.reasons)])
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Which coordinates are free, and how far they may go.
+    """Which coordinates are free, and how far they may go."""
 
-    Attributes
-    ----------
-    free
-        Their numbers.
-    names
-        Of all coordinates.
-    lower, upper
-        Range of all coordinates, without bounds for periodic ones, each of shape (n_theta,), rad.
-    duration
-        Of the run, s: what does not move within it is at rest.
-    """
-
-    free: tuple[int, ...]
-    names: tuple[str, ...]
+    free: tuple[int, ...]  # their numbers
+    names: tuple[str, ...]  # of all coordinates
+    #: lower, upper: range of all coordinates, without bounds for periodic ones, each of shape (n_theta,), rad
     lower: np.ndarray
     upper: np.ndarray
-    duration: float
+    duration: float  # of the run, s: what does not move within it is at rest
 
 
 def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
@@ -334,10 +301,7 @@ ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls 
 def require_settled(system: SecondOrderSystem) -> None:
     """Refuse a single run that has no static equilibrium to start from; its system is closed then.
 
-    Raises
-    ------
-    InputError
-        With the reason.
+    Raises `InputError`, with the reason.
     """
     if system.settled is not None and system.settled.reasons:
         system.close()

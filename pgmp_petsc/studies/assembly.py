@@ -19,10 +19,7 @@ from pgmp_petsc.scene import GROUND, Scene
 def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
     """Return where bodies, joints and named points are at the start.
 
-    Raises
-    ------
-    InputError
-        If the mechanism cannot be assembled.
+    Raises `InputError` if the mechanism cannot be assembled.
     """
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics = RigidKinematics(mechanism)

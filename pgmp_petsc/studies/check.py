@@ -36,10 +36,7 @@ ROUND_OFF = 1e-12  # of the largest moment of inertia
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.
 
-    Raises
-    ------
-    InputError
-        If the mechanism cannot be closed or controlled, or points are missing.
+    Raises `InputError` if the mechanism cannot be closed or controlled, or points are missing.
     """
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)

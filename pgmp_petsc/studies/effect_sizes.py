@@ -67,6 +67,8 @@ def estimate_effects(
 ) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
 
+    Raises `InputError` or `RunError` if the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
+
     Parameters
     ----------
     meshes
@@ -75,11 +77,6 @@ def estimate_effects(
         Assembly branch of the mechanism where it is known; see `RigidKinematics`.
     shapes
         The same bodies condensed with what is of second order (`condensed`), where they are at hand.
-
-    Raises
-    ------
-    InputError, RunError
-        If the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
     if shapes is None:
@@ -292,12 +289,7 @@ def choose_effects(
 ) -> tuple[Scene, EffectSizes]:
     """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
 
-    Parameters are those of `estimate_effects`.
-
-    Raises
-    ------
-    InputError, RunError
-        As `estimate_effects`.
+    Parameters are those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`.
     """
     sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}

@@ -56,10 +56,7 @@ def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, flo
 def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
     """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
 
-    Raises
-    ------
-    InputError
-        If the run is not of this model, an instant is outside it, or no mesh is known.
+    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known.
     """
     instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
     n_eta = tables.n_coordinates + tables.n_modes

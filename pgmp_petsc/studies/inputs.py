@@ -39,10 +39,8 @@ def read_scene(
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
 
-    Raises
-    ------
-    InputError
-        If the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot do with it.
+    Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
+    do with it.
     """
 
     def read() -> tuple[Scene, dict[str, BodyShape]]:
@@ -85,10 +83,7 @@ def read_rom(
 ) -> tuple[Scene, ReducedOrderModel]:
     """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
 
-    Raises
-    ------
-    InputError
-        If the file is not a whole ROM, or an entry is overridden that the tables were built from.
+    Raises `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from.
     """
 
     def read() -> tuple[Scene, ReducedOrderModel]:

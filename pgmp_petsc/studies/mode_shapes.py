@@ -31,17 +31,14 @@ from pgmp_petsc.scene.fields import MOST_RADIANS
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:
     """Return a mode of the reduced model without springs; by one process.
 
+    Raises `InputError` if there is no such mode, or no such configuration among those of the model.
+
     Parameters
     ----------
     number
         From 1, rigid motion left out.
     at
         Coordinates of the configuration, rad; where not given those at the start.
-
-    Raises
-    ------
-    InputError
-        If there is no such mode, or no such configuration among those of the model.
     """
     mechanism, theta = model.kinematics.mechanism, _configuration(model, at)
     frequencies, vectors = _modes(model, theta)

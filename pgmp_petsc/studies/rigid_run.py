@@ -35,39 +35,27 @@ RESOLVED = 0.15  # largest turn (rad) and share of the largest speed in a step: 
 
 @dataclass(frozen=True, eq=False)
 class RigidRun:
-    """Motion of the rigid mechanism.
+    """Motion of the rigid mechanism."""
 
-    Attributes
-    ----------
-    time
-        Shape (n_t,), s.
-    theta, speed, acceleration
-        Coordinates and their derivatives, shape (n_t, n_theta), rad, rad/s, rad/s2.
-    joints
-        Rate of each joint's rotation (``"turning"``) and displacement (``"sliding"``), by its name and motion, shape
-        (n_t,), rad/s or m/s; of joints that turn about several axes (``"spin"``) the size of the angular velocity.
-    heights
-        First moment of all masses, shape (n_t, d), kg m: its change times an acceleration is the work of a weight.
-    balance
-        Balance of energy.
-    mass
-        All masses together, kg.
-    """
-
-    time: np.ndarray
+    time: np.ndarray  # shape (n_t,), s
+    #: theta, speed, acceleration: coordinates and their derivatives, shape (n_t, n_theta), rad, rad/s, rad/s2
     theta: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
+    #: rate of each joint's rotation (``"turning"``) and displacement (``"sliding"``), by its name and motion, shape
+    #: (n_t,), rad/s or m/s; of joints that turn about several axes (``"spin"``) the size of the angular velocity
     joints: dict[tuple[str, str], np.ndarray]
+    #: first moment of all masses, shape (n_t, d), kg m: its change times an acceleration is the work of a weight
     heights: np.ndarray
-    balance: Balance
-    mass: float
+    balance: Balance  # balance of energy
+    mass: float  # all masses together, kg
 
 
 def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics) -> RigidRun:
     """Integrate the scene's mechanism with all bodies rigid, on one rank.
 
-    With few steps first, and once more with as many as the motion needs.
+    With few steps first, and once more with as many as the motion needs. Raises `InputError` or `RunError` if there is
+    no static equilibrium to start from, or the run fails.
 
     Parameters
     ----------
@@ -75,11 +63,6 @@ def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKi
         The scene and the mesh of every body, not condensed.
     kinematics
         Of the mechanism, whichever of its bodies deform there.
-
-    Raises
-    ------
-    InputError, RunError
-        If there is no static equilibrium to start from, or the run fails.
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)

@@ -68,15 +68,13 @@ def simulate(model: FullModel | ReducedModel, comm: MPI.Comm) -> Trajectory | No
 def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
     """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
 
+    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
+    status.
+
     Returns
     -------
     Trajectory or None
         On the first rank, None elsewhere.
-
-    Raises
-    ------
-    RunError
-        Where the computation itself breaks. A run that stops before its end is a trajectory with its status.
     """
     trajectory = None
     with agreed(comm, "simulation"):

@@ -44,16 +44,13 @@ NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
     """Return a warning for each entry that probably is not meant.
 
+    Raises `InputError` if entries cannot be meant, one line for each.
+
     Parameters
     ----------
     scene : Scene
     meshes : mapping, optional
         Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
-
-    Raises
-    ------
-    InputError
-        If entries cannot be meant, one line for each.
     """
     first = cache(lambda: first_frequency(scene, meshes or {}))
     sizes, system = sizes_of(scene, meshes or {}), unit_system(scene)

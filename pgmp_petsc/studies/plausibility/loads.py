@@ -179,11 +179,7 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
     """Yield stops that are violated at the start.
 
     Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
-
-    Raises
-    ------
-    InputError
-        If it cannot be.
+    Raises `InputError` if it cannot be.
     """
     coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
