@@ -397,7 +397,7 @@ def _keys(motion: Motion) -> list:
 
 
 GIF, MP4 = ".gif", ".mp4"
-RESOLUTION = {GIF: 80, MP4: 120}  # pixels an inch
+RESOLUTIONS = {GIF: 80, MP4: 120}  # pixels an inch
 QUALITY = "10"  # of x264, from 0, without losses, to 51
 N_COLOURS = 128  # of a GIF
 SLOWEST = 655.0  # s that a GIF may show a picture: two bytes of hundredths
@@ -442,7 +442,7 @@ def write_film(motion: Motion, path: Path, pace: Pace) -> int:
             f"--seconds: a GIF shows one picture for {SLOWEST:g} s at most, and these would take "
             f"{1.0 / pace.rate:.4g} s each; give fewer seconds, or name the film .mp4"
         )
-    pictures = images(motion, pace.numbers, RESOLUTION[ending])
+    pictures = images(motion, pace.numbers, RESOLUTIONS[ending])
     with replacing(path, "film") as partial:
         (_write_gif if ending == GIF else _write_mp4)(pictures, partial, pace.rate)
     return len(pace.numbers)
