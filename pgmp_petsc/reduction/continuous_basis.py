@@ -299,7 +299,7 @@ def compression_of(
     """
     n_snapshots = joined.shapes.shape[2] - joined.n_kept
     if not n_parameter:
-        return Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
+        return before or Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
     grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.n_kept :]
     if before is not None and before.holds(grams):
         return before
