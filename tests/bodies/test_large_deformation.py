@@ -56,17 +56,6 @@ def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) ->
         np.testing.assert_array_equal(third.transpose(order), third)
 
 
-@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
-def test_of_few_vectors_it_is_what_it_is_of_all_fields(kind: str) -> None:
-    solid, frames, points = rod(kind, two_materials=True)
-    _, recovery = of_second_order(solid, frames, points, 3)
-    fields = FieldsOnRanks(solid, recovery, MPI.COMM_SELF)
-    vectors = np.random.default_rng(4).normal(size=(recovery.shape[1], 3))
-    whole = weighted_sum_dense(fields.third(), points[0])
-    found = fields.third_with(vectors, points[0])
-    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
-    np.testing.assert_allclose(found, contraction_of(whole)(vectors), rtol=0, atol=1e-12 * np.abs(found).max())
-
 
 def test_terms_of_two_materials_are_affine() -> None:
     solid, frames, points = rod("quad8", two_materials=True)
