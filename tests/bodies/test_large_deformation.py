@@ -18,9 +18,9 @@ from pgmp_petsc.bodies.inertia_moments import linear_fields
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
 from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
+from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
+from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.reduction.build import BuildCheckpoint
 from pgmp_petsc.runtime.groups import RankGroup
 
@@ -54,7 +54,6 @@ def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) ->
         )
     for order in ((0, 2, 1), (1, 0, 2), (2, 1, 0)):
         np.testing.assert_array_equal(third.transpose(order), third)
-
 
 
 def test_terms_of_two_materials_are_affine() -> None:
