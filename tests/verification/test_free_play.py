@@ -123,7 +123,9 @@ def test_the_program_s_own_files_as_plugins_run_as_units(version: int, tmp_path:
     C and as an FMU that is run."""
     for file, name in OWN.items():
         text = (ROOT / "pgmp_petsc" / file).read_text(encoding="utf-8")
-        (tmp_path / f"mine_{name}.py").write_text(re.sub(r'Literal\["(\w+)"\]', r'Literal["my_\1"]', text))
+        (tmp_path / f"mine_{name}.py").write_text(
+            re.sub(r'Literal\["(\w+)"\]', r'Literal["my_\1"]', text).replace(f'"{name}"', f'"my_{name}"')
+        )
         pgmp.use(tmp_path / f"mine_{name}.py")
     text = scene_to_toml(FREE_PLAY)
     for name in OWN.values():
