@@ -1,8 +1,8 @@
-"""Modal damping in full-order samples on one rank, compiled; the equations are those of `effects.modal_damping`.
+"""Modal damping in full-order samples on one rank, compiled; the equations are those of `effects.damping`.
 
 Samples lie side by side in the last axis (lanes).
 
-Structural damping in the full-order model; see `effects.structural_damping` for the equations.
+Structural damping in the full-order model; see `effects.damping` for the equations.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ Directors that no mass belongs to make the matrix singular before their constrai
 For the constraints g that make directors a rotation it therefore holds ``w G^T G`` too, and the residual ``w G^T g``:
 the solution is the same for any weight w (the augmented Lagrangian of Glowinski and Le Tallec 1989).
 
-Ties of second order in the deformation in full-order samples on one rank, compiled; see `mechanism.curved_ties`.
+Ties of second order in the deformation in full-order samples on one rank, compiled; see `mechanism.frame_ties`.
 """
 
 from __future__ import annotations

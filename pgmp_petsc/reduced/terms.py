@@ -3,7 +3,7 @@
 What belongs to the rigid motion alone comes on a fine grid (`reduction.tables`); what involves flexible modes is
 interpolated between the samples.
 
-Structural damping in the reduced model; `effects.structural_damping` has the equations.
+Structural damping in the reduced model; `effects.damping` has the equations.
 
 In body frames the damping matrices of all bodies are constant, so that
 

@@ -2,7 +2,7 @@
 
 Kept vectors are M-orthonormal at the nominal parameters, those compressed from snapshots of other parameter values are
 not: their inertia ``G = E^T M E`` changes with theta. Where the kinetic energy of changing modes is kept, they are made
-so by the symmetric root, ``E G^(-1/2)``: smooth where G is not singular (`compression.INDEPENDENT`), and of all
+so by the symmetric root, ``E G^(-1/2)``: smooth where G is not singular (`snapshots.INDEPENDENT`), and of all
 orthonormal bases of the span the nearest one (Lowdin 1950). The symmetric part of ``D^T M Psi`` then vanishes
 (`tables`), and the motion is the same in every smooth basis of the space. Where E is small, what it spans turns
 quickly: such a basis needs more angles (`uneven`). Without that energy, as in eq. (7) of the paper, no basis of the

@@ -65,7 +65,7 @@ SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
 
 
 class _OrFile:
-    """A note on a type that in a scene's file the name of another file may replace (`raw_tables.read_values`)."""
+    """A note on a type that in a scene's file the name of another file may replace (`scene.loading`)."""
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return {"anyOf": [handler(schema), {"type": "string"}]}

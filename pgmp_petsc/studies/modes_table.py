@@ -6,7 +6,7 @@ The reduced stiffness has no springs, which act as local forces; linearised abou
 
     Psi^T K_s Psi,     Psi = [d rho/d theta, Psi_flexible],
 
-with the same blocks as in the full-order model (`modes.spring_stiffness`), the exact rigid motion and the flexible
+with the same blocks as in the full-order model (`modes.static_modes`), the exact rigid motion and the flexible
 vectors as runs interpolate them.
 """
 
