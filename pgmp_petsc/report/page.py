@@ -46,7 +46,7 @@ from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, counted
+from pgmp_petsc.runtime.errors import InputError, counted, visible
 from pgmp_petsc.runtime.files import KINDS, replacing
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
@@ -552,4 +552,4 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     text = environment.get_template("page.html").render(
         title=title, sections=sections, lines=lines, version=__version__, css=css, script="".join(scripts)
     )
-    return re.sub(r"\n{2,}", "\n", text).lstrip()
+    return visible(re.sub(r"\n{2,}", "\n", text).lstrip())
