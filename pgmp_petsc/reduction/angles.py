@@ -74,7 +74,9 @@ class AngleRounds:
         #: why there are angles besides those asked for: by what turns quickly, the names of outputs where it is these
         self._reasons: dict[str, dict[str, None]] = {}
         tolerance = scene.reduction.sampling_tolerance
-        self._cure = "take " + ("more reduction.angles" if tolerance is None else "a smaller reduction.sampling_tolerance")
+        self._cure = (
+            "take more reduction.angles" if tolerance is None else "take a smaller reduction.sampling_tolerance"
+        )
 
     def wanted(self, samples: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis) -> np.ndarray:
         """Return the configurations of the next round, shape (n, n_theta); none where these are enough."""

@@ -197,7 +197,7 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
     adds_angles = reduction.sampling_tolerance is not None or reduction.parameter_modes or stressed_bodies(scene)
     if _is_set(reduction, "max_angles") and not adds_angles:
-        why = "without effect, as there is neither reduction.sampling_tolerance nor parameter_modes, nor a stress output"
+        why = "without effect, as there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
         yield doubt("reduction.max_angles", why, reduction.max_angles)
     if _is_set(reduction, "length_points") and not length_names(scene):
         why = "without effect, as no parameter is a length or a place"
