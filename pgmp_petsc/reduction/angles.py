@@ -161,8 +161,8 @@ def _beyond_tolerance(
     if samples.n > scene.reduction.max_angles and poor.size:
         raise RunError(
             f"reduction.sampling_tolerance = {tolerance:g}: with {samples.n} angles the tables still differ by "
-            f"{errors.max():.2g} near {new[np.argmax(errors)]:.4g} rad; raise reduction.max_angles "
-            f"({scene.reduction.max_angles}) or the tolerance"
+            f"{errors.max():.2g} near {', '.join(scene.coordinates)} = {new[np.argmax(errors)]:.4g}; raise "
+            f"reduction.max_angles ({scene.reduction.max_angles}) or the tolerance"
         )
     # both halves of the interval that a poor sample has split
     theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
@@ -222,7 +222,7 @@ class _Halves:
     samples: Samples  # the former
     scheme: str  # interpolation over them
     kept: np.ndarray  # their numbers
-    #: of the others: numbers, and places among the former, rad
+    #: of the others: numbers, and places among the former
     left: np.ndarray
     theta: np.ndarray
 

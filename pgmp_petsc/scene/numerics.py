@@ -121,9 +121,9 @@ class InitialState(Table):
             "displacements, and the turns of angles, count from one place for all samples; run once for each position "
             "(--override), or start from one place with a velocity, which may be a parameter"
         ),
-    ] = Field(0.0, description="angle at the start (rad)")
+    ] = Field(0.0, description="angle (rad) or displacement (m) at the start")
     velocity: NumberOrParameter = Field(
-        0.0, description="angular velocity at the start (rad/s), a number or a parameter's name"
+        0.0, description="velocity at the start (rad/s or m/s), a number or a parameter's name"
     )
 
 

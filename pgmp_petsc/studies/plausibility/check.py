@@ -26,7 +26,7 @@ from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES, stressed_bodies
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
-from pgmp_petsc.scene.uses import length_names, uses_of
+from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
     body_findings,
@@ -69,7 +69,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     )
     refused = [finding.text for finding in findings if finding.refused]
     if not refused:  # the mechanism of a scene with sense can be put together
-        stops = list(stop_findings(scene, meshes))
+        stops = list(stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0)))
         refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
     if refused:
         raise input_error(refused)
@@ -115,6 +115,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         yield from _steps(scene, sizes, first)
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
+        if slides(scene, coordinate):
+            continue
         if high - low < SMALL_RANGE:
             yield doubt(
                 f"coordinates.{name}.range",
