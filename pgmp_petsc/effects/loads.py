@@ -11,7 +11,7 @@ Gravity: the mass matrix times a constant acceleration, one load term for each a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Annotated, Any, Literal, Self
 
@@ -149,7 +149,7 @@ class Gravity(EffectEntry):
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the weights."""
-        return Weights(name, self, mechanism)
+        return Weights(name, self.direction, Quantity.of(self.acceleration), mechanism)
 
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
@@ -253,7 +253,7 @@ def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
 
 
 class Weights(Effect):
-    """Gravity in the models; see the module.
+    """A uniform field of acceleration in the models; see the module.
 
     Attributes
     ----------
@@ -265,10 +265,10 @@ class Weights(Effect):
 
     conservative = True
 
-    def __init__(self, name: str, entry: Gravity, mechanism: Mechanism) -> None:
+    def __init__(self, name: str, direction: Sequence[float], acceleration: Quantity, mechanism: Mechanism) -> None:
         super().__init__(name)
-        direction = self.direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
-        self.acceleration = Quantity.of(entry.acceleration)
+        direction = self.direction = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+        self.acceleration = acceleration
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._mechanism = mechanism
