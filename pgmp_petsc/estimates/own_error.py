@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import number_text, share_text
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -410,7 +410,9 @@ def of_figures(
         share = abs(value - without) / size if size > 0.0 else 0.0
         shares.append(share)
         if share > comparable:
-            told.append(f"{what}: {value:.5g}, about {without:.5g} without the estimated errors")
+            both = np.array([value, without])
+            shown, other = (number_text(one, both, 9) for one in both)
+            told.append(f"{what}: {shown}, about {other} without the estimated errors")
     if told:
         return (warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"),)
     return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)

@@ -31,7 +31,7 @@ from pgmp_petsc.report.sources import (
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
-from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, share_text
+from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
 from pgmp_petsc.runtime.errors import counted
@@ -167,8 +167,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             place = int(np.nanargmax(values))
             factor, unit = axis_unit(result.units.get(name, "1"), known)
             median = float(np.median(known))
-            largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
-            size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
+            largest = Datum(known.max(), plain(factor * known.max()), source.name, f"/errors/{name}", str(place))
+            size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest]
             size.append("" if unit == "1" else f" {unit}")
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
@@ -250,7 +250,7 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
             if s is not None and np.isfinite(s.mean_interval).all() and not s.constant:
                 half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
-                size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]
+                size = [Datum(half, f"± {plain(factor * half)}"), "" if unit == "1" else f" {unit}"]
                 how = f"{percent(s.confidence)} interval of {s.count} samples"
                 yield Line(f"sampling: mean of {in_words(name)}", size, how)
 
@@ -466,7 +466,7 @@ def _checked(source: Source) -> Iterator[str | Datum]:
         if np.isfinite(values).any():
             place = int(np.nanargmax(values))
             factor, unit = axis_unit(source.result.units.get(name, "1"), values)
-            text = f"{factor * values[place]:.2g}"
+            text = plain(factor * values[place])
             yield Datum(values[place], text, source.name, f"/errors/{name}", str(place))
             yield f"{'' if unit == '1' else f' {unit}'} ({in_words(name)})"
             yield ", "
@@ -570,7 +570,7 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
 
 
 def _seconds(record: RunRecord) -> str:
-    return f"{sum(record.timings.values()):.3g} s"
+    return f"{plain(sum(record.timings.values()), 3)} s"
 
 
 def _remarks(record: RunRecord) -> str:

@@ -213,7 +213,7 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     try:
         return Scene.model_validate(data, context={"directory": directory, "units": given})
     except ValidationError as error:
-        raise explain(error, Scene) from error
+        raise explain(error, Scene, given) from error
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
