@@ -19,7 +19,7 @@ import synthetic
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Level, distribution
-from pgmp_petsc.report.page import downloads_of, write_report
+from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
@@ -223,6 +223,19 @@ def test_texts_of_files_are_no_markup(folder: Path) -> None:
     assert words(next(tree.iter("h1"))) == "x<script>alert(1)</script>"
     assert all("alert" not in words(script) for script in tree.iter("script"))
     assert "no picture of the mechanism" in words(tree) and "no probabilities and no intervals" in words(tree)
+    named = folder / "\x1b[31m\r\x9b.h5"
+    named.write_bytes((folder / "other.h5").read_bytes())
+    write_report([named], folder / "other.html")
+    page = (folder / "other.html").read_bytes().decode()
+    assert "\\x1b[31m\\x0d\\x9b.h5" in page and not set(page) & set("\x1b\r\x9b")
+
+
+def test_sizes_of_parameters_do_not_choose_the_units_of_outputs(tmp_path: Path) -> None:
+    """A radius of 5.6 m would have made a thousandth of it, the largest deformation, 0.0002 m."""
+    drawn = synthetic.described()
+    quantities = replace(drawn.statistics["r1"], quantiles=1e3 * drawn.statistics["r1"].quantiles)
+    sizes = _largest_of_units([replace(drawn, statistics=drawn.statistics | {"r1": quantities})])
+    assert sizes["m"] == np.abs(drawn.statistics["slider_deformation"].quantiles).max()
 
 
 def test_scenes_have_sections_of_their_own(folder: Path) -> None:
