@@ -351,7 +351,7 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
                 where = "".join(f", {key} = {value:.4g}" for key, value in point.items())
                 return (
                     f"with {' x '.join(map(str, samples.shape))} angles the interpolated {name} matrix is not positive "
-                    f"definite at {', '.join(f'{value:.4g}' for value in theta[worst])} rad{where} (smallest "
+                    f"definite at {', '.join(f'{value:.4g}' for value in theta[worst])}{where} (smallest "
                     f"eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take "
                     f"{smoother(scheme)}"
                 )

@@ -309,7 +309,7 @@ class Driving(EffectEntry):
 
     @property
     def fastest(self) -> tuple[str, float, tuple[float, ...]]:
-        """The entry that says how fast it becomes, how fast (rad/s), and the entry's value if that is the speed."""
+        """The entry that says how fast it becomes, how fast, and the entry's value if that is the speed."""
         raise NotImplementedError
 
     def motion(self, name: str) -> Any:

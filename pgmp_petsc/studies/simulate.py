@@ -27,6 +27,7 @@ from pgmp_petsc.estimates.own_error import (
 )
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
+from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduced.energy import least_stiffness
 from pgmp_petsc.reduction.tables import smoother
@@ -364,7 +365,7 @@ def _described(
         "time": part.time,
         "outputs": part.outputs,
         "units": model.outputs.units,
-        "coordinate_units": {coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
+        "coordinate_units": {c.name: c.unit for c in model.kinematics.coordinates},
         "frames": stored if part.shown else None,
         "status": int(part.run.status[0]),
         "steps_divided": part.attempt.divisor,
@@ -412,7 +413,7 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     unsound = np.isnan(share)
     if unsound.any():
         first = eta[looked_at][np.argmax(unsound)]
-        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, first))
+        where = words_of(model.kinematics.coordinates, first, 4)
         return (
             f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
             f"with {smoother(model.scene.reduction.interpolation)}"

@@ -138,7 +138,7 @@ WARNED = {
         SCENE, ['reduction.stretching="static"', "reduction.second_order=false"], "reduction.stretching",
         "reduction.second_order is false",),
     "most angles of nothing": (
-        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is neither"
+        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is no"
     ),  # fmt: skip
     "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a leng"),
     "replicates of random samples": (SCENE, ["ensemble.replicates=16"], "ensemble.replicates", 'it is for "sobol"'),

@@ -175,20 +175,24 @@ def _step_given(scene: Scene) -> bool:
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
 
-def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+def stop_findings(
+    scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
+) -> Iterator[Finding]:
     """Yield stops that are violated at the start.
 
     Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
-    Raises `InputError` if it cannot be.
+    Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
     """
-    coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
+    coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics = None
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
-        if effect.joint in coordinates:
-            start, deepest, unit = scene.initial_state(coordinates[effect.joint]).position, DEEPEST, "rad"
+        slid = slides(scene, effect)
+        if (effect.joint, slid) in coordinates:
+            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
+            deepest = DEEPEST * (size if slid else 1.0)
         elif meshes is None or driven:
             continue
         else:
@@ -231,13 +235,16 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
     for name, state in scene.simulation.initial.items():
         entry = f"simulation.initial.{name}"
         where, velocity = named(scene, f"{entry}.velocity", state.velocity)
-        yield from _fast(where, velocity / clock, length, velocity)
-        if abs(state.position) > MANY_TURNS:
+        slid = name in scene.coordinates and slides(scene, scene.coordinates[name])
+        yield from _fast(where, velocity / clock, system.length if slid else length, slid, velocity)
+        if abs(state.position) > MANY_TURNS and not slid:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
         if isinstance(effect, Driving):
             key, speed, received = effect.fastest
-            yield from _fast(f"effects.{name}.{key}", speed / clock, length, *received)
+            moved = scene.coordinates.get(effect.coordinate)
+            slid = moved is not None and slides(scene, moved)
+            yield from _fast(f"effects.{name}.{key}", speed / clock, system.length if slid else length, slid, *received)
             yield from _out_of_range(scene, name, effect)
 
 
@@ -250,18 +257,21 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
+        unit = "m" if slides(scene, coordinate) else "rad"
         yield doubt(
             f"effects.{name}",
-            f"moves {effect.coordinate} to {furthest:.6g} rad, beyond coordinates.{effect.coordinate}.range = "
+            f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond coordinates.{effect.coordinate}.range = "
             f"[{low:g}, {high:g}], where reduced runs end; widen the range, or move less",
         )
 
 
-def _fast(entry: str, speed: float, length: float, *received: float) -> Iterator[Finding]:
-    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip."""
-    tip = abs(speed) * length
-    words = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
+def _fast(entry: str, speed: float, length: float, slid: bool, *received: float) -> Iterator[Finding]:
+    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip; where it slides
+    its speed is in units of the length."""
+    tip, unit = abs(speed) * length, "m/s" if slid else "rad/s"
+    turned = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
+    words = f"it slides at {tip:.3g} m/s" if slid else turned
     if tip > LIGHT:
         yield refusal(entry, f"{words}, faster than light", *received)
     elif tip > FAST:
-        yield doubt(entry, f"{words}; speeds are in rad/s", *received)
+        yield doubt(entry, f"{words}; speeds are in {unit}", *received)
