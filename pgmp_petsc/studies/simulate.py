@@ -307,7 +307,11 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units), *not_estimated(errors, model.scene)]
+        remarks += [
+            *steps,
+            *large_errors(*errors.of_one_run(), model.outputs.units),
+            *not_estimated(errors, model.scene),
+        ]
         remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
