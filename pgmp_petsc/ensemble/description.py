@@ -338,7 +338,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        remarks += large_errors(estimates["errors"], sizes, origin.model)
+        remarks += large_errors(estimates["errors"], sizes, origin.units, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)
