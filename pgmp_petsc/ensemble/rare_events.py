@@ -90,6 +90,7 @@ AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are k
 LEVELS_APART = 10.0  # factor between what levels and weights say, beyond which parts are missing
 VARY = 30.0  # how much more weights vary before the planes of design points than beyond them
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
+MOST_FACTOR = 20.0  # logarithm of what a shift of g may make of a probability
 WEAK = 15.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
@@ -189,6 +190,24 @@ class RareSamples:
         """Number of equally weighted samples in the event that would be as good."""
         found = self.contributions
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
+
+    def factor_of(self, shift: float) -> float:
+        """Return how many times as probable the event would be if g were less by `shift`.
+
+        ``exp(h shift)``, h how quickly weighted samples thin out from the border into the event: of depths that are
+        exponential, of which those beyond the shift, or their median, count as deeper alone (Epstein and Sobel, Journal
+        of the American Statistical Association 48 (1953) 486-502).
+        """
+        found = self.contributions
+        inside = found > 0.0
+        depth, weight = -self.limit_state[self.limit_state.size - found.size :][inside], found[inside]
+        order = np.argsort(depth)
+        sums = np.cumsum(weight[order])
+        median = depth[order][np.searchsorted(sums, 0.5 * sums[-1])]
+        deep = max(abs(shift), float(median))
+        of_all = float(np.sum(weight * np.minimum(depth, deep)))
+        hazard = float(weight[depth < deep].sum()) / of_all if of_all > 0.0 else 0.0
+        return float(np.exp(np.clip(hazard * shift, -MOST_FACTOR, MOST_FACTOR)))
 
     @cached_property
     def may_have_lost_parts(self) -> bool:
@@ -445,9 +464,10 @@ class _Chains:
 
     def beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return points of the event from design points on, their g, and the share of accepted steps; None where the
-        event does not lie there."""
-        seeds = self._beyond(design)
-        return seeds and self.go_on(*seeds, 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
+        event does not lie there. At least half of the samples that are left is left to be weighed."""
+        size = min(max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL), self.left // 2)
+        seeds = self._beyond(design) if len(design.points) <= size else None
+        return seeds and self.go_on(*seeds, 0.0, size)
 
     def _beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray] | None:
         """Return points of the event beyond design points, and their g; None where there are none."""
@@ -529,8 +549,11 @@ class _Chains:
         The first round is left out: its density is from points of chains, which are not independent, and half of it is
         about where rays enter the event. Points of all rounds make the next density, each with the weight of the
         mixture of all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical
-        Association 95 (2000) 135-143), which is never much larger than that of the best of them.
+        Association 95 (2000) 135-143), which is never much larger than that of the best of them. None where fewer than
+        two samples a round are left.
         """
+        if self.left < 2 * ROUNDS:
+            return []
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
         known = levelled(centres, counts.astype(float), self.random())

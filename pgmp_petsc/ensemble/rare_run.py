@@ -48,7 +48,6 @@ LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
-MOST_FACTOR = 20.0  # logarithm of what errors may make of a probability
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -273,14 +272,14 @@ def _of_own_error(
     value: np.ndarray,
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
-    samples nearest to it, along the curve of probabilities over levels.
+    samples nearest to it.
 
     Of an event at any time, errors are taken at their largest.
     """
-    what, (curve, shares) = "the probability", found.curve()
+    what = "the probability"
     known = np.flatnonzero(np.isfinite(value))
     nearest = known[np.argsort(np.abs(value[known] - event.level), kind="stable")[:LANES]]
-    if not (found.reached and nearest.size and curve.size):
+    if not (found.reached and nearest.size):
         return ()
     points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
     errors = OwnErrors.of_runs(of_samples(model, names), points)
@@ -293,11 +292,7 @@ def _of_own_error(
     if not np.isfinite(at).any():
         return (not_known(model.scene, what),)
     shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
-    # how far before the level, where the curve ends, the probability is e times as large
-    logs = np.log(shares[::-1])
-    far = float(np.interp(logs[0] + 1.0, logs, curve[::-1]))
-    factor = np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR)) if far > 0.0 else 1.0
-    without = found.probability * float(factor)
+    without = found.probability * found.factor_of(shift)
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 
