@@ -178,7 +178,7 @@ def chosen_density(
     Parameters
     ----------
     points, weights
-        Points of the event, shape (m, d), and how many each represents, shape (m,); two points at least.
+        Points of the event, shape (m, d), and how many each represents, shape (m,).
     random
         Which points try the densities that others make.
     families
@@ -190,6 +190,8 @@ def chosen_density(
     """
     families = np.arange(len(points)) if families is None else families
     values = np.zeros(len(points)) if values is None else values
+    if len(points) == 1:  # chains that never moved: it makes densities and tries them
+        points, weights, families, values = (np.repeat(one, 2, axis=0) for one in (points, weights, families, values))
     weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
     scores: dict[tuple[int, float], float] = {}
     for make, test in _halves(families, random):

@@ -233,7 +233,7 @@ class RareSamples:
         """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).
 
         Of an event that was not reached it is from 0 to the upper end of that of the level before it, or of the first
-        samples, none of which is in it: the smaller one, each of which holds with half of the doubt. Where parts may
+        samples: the smaller one, each of which holds with half of the doubt. Where parts may
         have been lost it goes on to the upper end of what the levels alone say.
         """
         if self.is_plain:
@@ -255,9 +255,9 @@ class RareSamples:
         return min(self.by_levels * float(np.exp(reach)), 1.0)
 
     def _of_first(self, confidence: float) -> float:
-        """Return what the first samples, which are independent, bound the probability of an event without any of them
-        by."""
-        return float(of_probability(0, self.levels[0].before.size, confidence)[1])
+        """Return what the first samples, which are independent, bound the probability by."""
+        first = self.levels[0].before
+        return float(of_probability(int(np.sum(first <= 0.0)), first.size, confidence)[1])
 
 
 def level_size(n_left: int) -> int:
