@@ -302,7 +302,7 @@ def find(
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
         nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
-        design = chains.design(np.concatenate([nearest, centres]), chance, weighed) if has_design else None
+        design = chains.design(np.concatenate([nearest, centres]), weighed) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
@@ -432,7 +432,7 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def design(self, starts: np.ndarray, chance: float, level: float) -> DesignPoints | None:
+    def design(self, starts: np.ndarray, level: float) -> DesignPoints | None:
         """Return the design points that searches from some points lead to, with a part of the samples that are left;
         from differences where exact derivatives lead to none, and of a level on g by bisection where nor those do."""
         if self._from_afar is not None:
@@ -446,7 +446,7 @@ class _Chains:
         nearest, found = nearest[unlike(units)], None
         for slopes in (None,) if self._slopes is None else (self._differentiated, None):
             most, others = int(OF_DESIGN * self.left), (np.concatenate(self.points), np.concatenate(self.values))
-            found = found or design_points(self.evaluate, slopes, nearest, most, others, chance)
+            found = found or design_points(self.evaluate, slopes, nearest, most, others)
         if found is None:
             points, g = (np.concatenate(part) for part in (self.points, self.values))
             found = self._bisected(points[g <= level], level, self.left)
