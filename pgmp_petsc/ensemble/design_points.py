@@ -166,12 +166,11 @@ def _search(
     found: list[tuple[np.ndarray, np.ndarray]] = []
     g, slope = gradient(u)
     used += cost * len(u)
-    own = np.array([k for k in range(len(u)) if not _explained(u, g, slope, k)], dtype=int)
-    u, g, slope = u[own], g[own], slope[own]
     before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
     for _ in range(MOST_STEPS):
         norm = np.sqrt(np.sum(slope**2, axis=1))
         fine = np.isfinite(g) & np.isfinite(norm) & (norm > 0.0)
+        fine &= [not _explained(u, g, slope, k) for k in range(len(u))]
         u, g, slope, norm, before, part = (of_all[fine] for of_all in (u, g, slope, norm, before, part))
         alpha = -slope / norm[:, None]
         step = (np.sum(alpha * u, axis=1) + g / norm)[:, None] * alpha - u
