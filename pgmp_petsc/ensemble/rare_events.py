@@ -86,7 +86,7 @@ LEAST_CHANCE = 1e-15  # of what they find
 FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
-AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are known better than by rays
+AT_DESIGN = 0.5  # where they are at design points, which are known better than by rays
 LEVELS_APART = 10.0  # factor between what levels and weights say, beyond which parts are missing
 VARY = 30.0  # how much more weights vary before the planes of design points than beyond them
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
@@ -562,12 +562,16 @@ class _Chains:
         sizes[-1] += self.left % ROUNDS
         before = 1.0 / np.unique(families).size  # share of the event that is not beyond the planes of design points
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
-        for size, share in zip(sizes, AT_ENTRANCES if design is None else AT_DESIGN):
+        for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
-            density = chosen_density(centres, known, random, alike, values).with_kernels(entrances, share)
+            density = chosen_density(centres, known, random, alike, values)
             if design is not None:
                 outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
-                before = max(before, float(np.average(outside, weights=known)))
+                now = float(np.average(outside, weights=known))
+                share += (AT_DESIGN - share) * (1.0 - now)
+                before = max(before, now)
+            density = density.with_kernels(entrances, share)
+            if design is not None:
                 share = (1.0 - before) / (1.0 - before + VARY * before)
                 density = replace(density, alpha=design.alpha, beta=design.beta, beyond=share)
             densities.append(density)
