@@ -66,11 +66,13 @@ class SolidLaw:
 
     def softening(self, points: SolidStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
         """Return how much larger strains are than at the nominal parameters for the same forces, shape (n_points, 1, 1
-        or n)."""
+        or n), or (1, 1, 1 or n) if they are so at all points."""
         thickness, sizes = self.thickness
-        ratio = np.ones((points.material.size, 1)) * np.atleast_1d(thickness.at(nominal) / thickness.at(parameters))
         of_materials = [np.atleast_1d(modulus.at(nominal) / modulus.at(parameters)) for modulus, _ in self.materials]
-        ratio = ratio * np.array(np.broadcast_arrays(*of_materials))[points.material]
+        ratio = np.array(np.broadcast_arrays(*of_materials))
+        if len(self.materials) > 1 or self.profile or sizes:
+            ratio = ratio[points.material]
+        ratio = ratio * np.atleast_1d(thickness.at(nominal) / thickness.at(parameters))
         for profile in (self.profile, sizes):
             if profile:
                 ratio = ratio * (profile.at(nominal, points.of_cells) / profile.at(parameters, points.of_cells))

@@ -179,7 +179,8 @@ class RankSolver:
         """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
 
         Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it
-        is then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
+        is then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved,
+        and the next one is solved as if it were the first.
         """
         finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
         if not all(self._comm.allgather(finite)):
@@ -187,18 +188,31 @@ class RankSolver:
         solved = self._solve_once()
         while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
             self._spare *= 4
-            preconditioner = self._ksp.getPC()
-            preconditioner.reset()  # a matrix that is as it was would not be factorised again
-            self._ksp.setOperators(self._matrix)
-            preconditioner.setFactorSetUpSolverType()
-            preconditioner.getFactorMatrix().setMumpsIcntl(14, self._spare)
+            self._forget_factors()
             solved = self._solve_once()
+        if not solved:
+            self._forget_factors()
         return solved
 
-    def _short_of_memory(self) -> bool:
+    def _forget_factors(self) -> None:
+        """Let the next matrix be factorised from the beginning, whatever became of the last one.
+
+        PETSc factorises neither a matrix that is as it was, nor any with factors of MUMPS that once ended in an error
+        (MatFactorNumeric_MUMPS returns where INFOG(1) < 0, as if the analysis had failed).
+        """
         preconditioner = self._ksp.getPC()
-        direct = preconditioner.getType() == "lu" and preconditioner.getFactorSolverType() == "mumps"
-        return direct and preconditioner.getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
+        preconditioner.reset()
+        self._ksp.setOperators(self._matrix)
+        if self._direct():
+            preconditioner.setFactorSetUpSolverType()
+            preconditioner.getFactorMatrix().setMumpsIcntl(14, self._spare)
+
+    def _short_of_memory(self) -> bool:
+        return self._direct() and self._ksp.getPC().getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
+
+    def _direct(self) -> bool:
+        preconditioner = self._ksp.getPC()
+        return preconditioner.getType() == "lu" and preconditioner.getFactorSolverType() == "mumps"
 
     def _solve_once(self) -> bool:
         try:

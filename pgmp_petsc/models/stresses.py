@@ -115,14 +115,15 @@ class ReducedStrains:
         """Return the strains of points of a body, shape (n_points, n_strains, n), for what `strained` and
         `missed` return of it."""
         body = self.bodies[number]
+        # the forces are the same at other values, but for which the body is stiffer or softer
+        softer = None if missed is None else law.softening(points, self._nominal, values)
         if self._curved and body.strains_follow_frames:
             found = _of_beams(body, points, y)
+        elif softer is not None and softer.shape[:2] == (1, 1):  # one factor for all points
+            return _of_coordinates(body, points, y + softer[0] * missed, linear)
         else:
             found = _of_coordinates(body, points, y, linear)
-        if missed is None:
-            return found
-        # the forces are the same at other values, but for which the body is stiffer or softer
-        return found + law.softening(points, self._nominal, values) * _of_coordinates(body, points, missed, linear)
+        return found if missed is None else found + softer * _of_coordinates(body, points, missed, linear)
 
 
 class FullStresses:

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.full.rank_solver import RankSolver
+from pgmp_petsc.full.rank_solver import RankLayout, RankSolver
 from pgmp_petsc.full.systems import FullDistributed
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.stepping.status import Status
@@ -68,3 +68,19 @@ def test_a_sample_whose_solver_failed_is_tried_again(model: FullModel, monkeypat
     batch = run_batch(model, draw(model.scene, 0, 0, 1))
     assert batch.status[0] == Status.FINE and batch.numerics["steps_divided"][0] == 2
     assert all(np.isfinite(values).all() for values in batch.outputs.values())
+
+
+def test_a_matrix_after_one_that_cannot_be_factorised_is_solved() -> None:
+    """PETSc passes over every matrix after an error of MUMPS until its factors are forgotten."""
+    places, none = np.arange(2), np.zeros(1)
+    layout = RankLayout(2, 2, (np.array([0, 1, 1]), np.array([0, 0, 1])))
+    solver = RankSolver(layout, places, places, PETSc.COMM_SELF.tompi4py())
+    rhs = np.array([2.0, 1.0])
+    for diagonal in (np.zeros(2), np.array([2.0, 4.0]), np.array([np.nan, 1.0]), np.zeros(2), np.array([2.0, 4.0])):
+        solver.assemble(diagonal, none)
+        found = solver.solve(rhs)
+        if diagonal[0] == 2.0:
+            np.testing.assert_array_equal(found, rhs / diagonal)
+        else:
+            assert found is None
+    solver.close()
