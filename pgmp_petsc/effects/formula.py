@@ -3,8 +3,9 @@
 ``force = "A * sin(12 * s) - c * v - m0 * (t > 0.1)"`` is parsed, and never evaluated: what it may have is in
 `OPERATIONS` and `FUNCTIONS`. It is written anew in the language of declarations (`declare.expressions`), and from there
 on it is a law as all others: compiled, differentiated, printed in C. A comparison is 1 where it holds, else 0;
-derivatives leave out its jump, and steps do not end there. The time is the `amplitude` of the law, of which the function of time is
-t itself. All of the force is counted as work: the law has no potential, and no part in the stiffness of vibrations.
+derivatives leave out its jump, and steps do not end there. The time is the `amplitude` of the law, of which the
+function of time is t itself. All of the force is counted as work: the law has no potential, and no part in the
+stiffness of vibrations.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
+FORCES = ("N", "N m")  # units of loads that accelerate a mass, or turn it
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
@@ -47,11 +48,11 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        if isinstance(effect, OverTime):
+        if effect.is_over_time:
             for part in parts_of(name, effect).values():
                 yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)
-                if whole:
+                if whole and part.strength_unit in FORCES:
                     yield from _speed(scene, entry, part, mass, length, system)
             continue
         yield from _nothing(scene, entry, effect)
