@@ -343,7 +343,9 @@ class _Job:
         failure = on_root(self.comm, self.steps.failure, name)
         self.failures += [failure] if failure else []
         ahead = " (finished before; --force does it again)" if again else ""
-        self._say(title, f"{on_root(self.comm, headline, target)} -> {target}{ahead}")
+        with doing(title):
+            said = on_root(self.comm, headline, target)
+        self._say(title, f"{said} -> {target}{ahead}")
 
     def _is_written(self, target: Path) -> bool:
         """Return whether the step that failed left its file, which is newer than its note in the ledger."""

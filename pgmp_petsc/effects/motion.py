@@ -37,7 +37,8 @@ class PrescribedMotion(Driving):
     coordinate: str = Field(description="name of a coordinate")
     table: TimeTable | None = Field(
         None,
-        description="rows [time (s), angle (rad) or displacement (m)]; cubic spline, at rest at both ends and beyond",
+        description="rows [time (s), angle (rad) or displacement (m)]; cubic spline, at rest at both ends and beyond; "
+        "or a CSV file, as of a load",
     )
     harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
     spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")

@@ -7,7 +7,7 @@ What is in a result file, in one line: for a command that goes through many step
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -295,7 +295,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     runs = [source for source in sources if isinstance(source.result, Trajectory)]
     sentences: list[Sentence] = []
     for source in ensembles:
-        sentences += _of_ensemble(source, len(ensembles) > 1, error)
+        sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))
     if not sentences:
         for source in runs[:1]:
             sentences += _of_run(source)
@@ -311,7 +311,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     return sentences
 
 
-def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Iterator[Sentence]:
+def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops: bool) -> Iterator[Sentence]:
     """Yield probabilities of events; where the scene has none, the means and where most samples lie.
 
     A probability that the model does not decide has no figure that the page would print in bold.
@@ -331,7 +331,7 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
         else:
             ends = 100.0 * chance.interval
             said = f"{number_text(100.0 * chance.estimate, ends, 6)} % {interval_text(ends)}, {of}"
-            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs)}."]
+            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs, stops)}."]
             yield [f"What the samples of this model say: {said}."]
     if ensemble.probabilities:
         return
@@ -356,6 +356,12 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
             f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
+
+
+def _full_order_stops(sources: Iterable[Source]) -> bool:
+    """Return whether the full-order run of a scene stopped before its end."""
+    runs = (source.result for source in sources if isinstance(source.result, Trajectory))
+    return any(run.model == "full" and bool(run.why_stopped) for run in runs)
 
 
 def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
@@ -557,7 +563,9 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
         known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
         known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
         decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
-        parts.append(f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs)}'}")
+        parts.append(
+            f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs, _full_order_stops(sources))}'}"
+        )
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]

@@ -354,10 +354,19 @@ def _times_increase(table: Rows) -> Rows:
     return table
 
 
+class _OrFile:
+    """A note on a table, for editors: a file's name, or one with the names of two columns, stands for its rows."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        columns = {key: {"type": "string"} for key in ("file", "x", "y")}
+        in_file = {"type": "object", "properties": columns, "required": ["file"], "additionalProperties": False}
+        return {"anyOf": [handler(schema), {"type": "string"}, in_file]}
+
+
 #: Rows [time (s), value] with increasing times.
-TimeTable = Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS]
+TimeTable = Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, _OrFile()]
 #: Rows [time (s), value] of a load, whose values may be parameters.
-LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase)]
+LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), _OrFile()]
 
 
 class Harmonic(Table):

@@ -87,9 +87,10 @@ def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, 
     problems = []
     for details in error.errors(include_url=False):
         table, name, *_ = *details["loc"], "", ""
-        told = table == "parameters" and name in units and details["type"] in {"refusal", *ALLOWED}
-        note = f" (in SI units; the scene's are in {units[name]})" if told else ""
-        problems.append(_explain(details, model) + note)
+        text = _explain(details, model)
+        if table == "parameters" and name in units and details["type"] == "refusal" and re.search(r"\d", text):
+            text += f" (in SI units; the scene's are in {units[name]})"
+        problems.append(text)
     return input_error(problems)
 
 

@@ -38,7 +38,8 @@ class Use:
     entry: str  # dotted name
     value: float | str  # what it holds
     sign: Sign  # which numbers make sense
-    #: what it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
+    #: what it is in, any of them; "1" is without a unit, none is any unit. The factor of a table is without one, or has
+    #: the table's.
     units: tuple[str, ...]
 
     @property

@@ -261,7 +261,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
     errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
     return errors, [
-        *large_errors(*errors.of_one_run(), model.name),
+        *large_errors(*errors.of_one_run(), model.outputs.units, model.name),
         *step_remarks(model, part.time, part.outputs, other, found),
     ]
 
@@ -307,7 +307,11 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(*errors.of_one_run()), *not_estimated(errors, model.scene)]
+        remarks += [
+            *steps,
+            *large_errors(*errors.of_one_run(), model.outputs.units),
+            *not_estimated(errors, model.scene),
+        ]
         remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]

@@ -329,6 +329,8 @@ def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> No
         assert float(said.split("the first mode of the mechanism has ")[1].split(" ")[0]) == pytest.approx(
             expected, rel=0.02
         )
+        scene, _ = read_scene(SCENE, [*blade, f"effects={{{effects}}}"], [], MPI.COMM_SELF, Purpose.CHECK)
+        assert said in [remark.text for remark in plausibility(scene)]  # of a reduced model, which has no meshes
 
 
 def test_outputs_of_a_scene_in_other_units_have_these() -> None:

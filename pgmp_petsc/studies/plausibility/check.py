@@ -35,7 +35,7 @@ from pgmp_petsc.studies.plausibility.bodies import (
     matrix_findings,
     sizes_of,
 )
-from pgmp_petsc.studies.plausibility.loads import load_findings, motion_findings, stop_findings
+from pgmp_petsc.studies.plausibility.loads import formula_findings, load_findings, motion_findings, stop_findings
 
 SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
@@ -70,6 +70,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     refused = [finding.text for finding in findings if finding.refused]
     if not refused:  # the mechanism of a scene with sense can be put together
         stops = list(stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0)))
+        stops += formula_findings(scene, meshes)
         refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
     if refused:
         raise input_error(refused)

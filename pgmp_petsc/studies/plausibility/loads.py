@@ -12,11 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.models.model import start_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
@@ -25,6 +30,7 @@ from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
+FORCES = ("N", "N m")  # units of loads that accelerate a mass, or turn it
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
@@ -42,11 +48,11 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        if isinstance(effect, OverTime):
+        if effect.is_over_time:
             for part in parts_of(name, effect).values():
                 yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)
-                if whole:
+                if whole and part.strength_unit in FORCES:
                     yield from _speed(scene, entry, part, mass, length, system)
             continue
         yield from _nothing(scene, entry, effect)
@@ -217,12 +223,45 @@ def stop_findings(
 def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
     """Return the angle or displacement of a joint at the start, and its unit."""
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
-    mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
-    place = joint_measure(mechanism, effect)
-    frames, space = [place[side].frame_of_pose(poses) for side in "ab"], mechanism.space
-    if slides(scene, effect):
-        return float(place["statement"].value(*map(space.natural, frames))), "m"
-    return float(space.angle(place["statement"], *frames)), "rad"
+    place = joint_measure(kinematics.mechanism, effect)
+    value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
+    return value, "m" if slides(scene, effect) else "rad"
+
+
+def _value(
+    kinematics: RigidKinematics, statement: Statement, sides: tuple[Attachment, Attachment], theta: np.ndarray
+) -> float:
+    """Return a statement at a configuration (n_theta,)."""
+    space, poses = kinematics.mechanism.space, kinematics.poses(theta[None])[..., 0]
+    frames = [side.frame_of_pose(poses) for side in sides]
+    if statement.kind == ANGLE:
+        return float(space.angle(statement, *frames))
+    return float(statement.value(*map(space.natural, frames)))
+
+
+MOMENT = 1e-6  # s, or less where coordinates are fast: over it the rate of a measure is a difference
+
+
+def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+    """Yield formulas that have no value at the start. Raises `InputError` if the mechanism cannot be assembled."""
+    named = {name: effect for name, effect in scene.effects.items() if isinstance(effect, FormulaEffect)}
+    if not named or meshes is None:
+        return
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    theta, rates = start_of(scene, kinematics.mechanism)
+    moment = MOMENT / max(1.0, np.max(np.abs(rates)))
+    for name, effect in named.items():
+        for action in effect.forces(name, kinematics.mechanism).actions():
+
+            def at(time: float, action: Action = action) -> float:
+                return _value(kinematics, action.statement, action.sides, theta + time * rates)
+
+            s = float(theta[action.coordinate]) if action.coordinate >= 0 else at(0.0)
+            v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
+            why = not_finite(action, s, v, scene.values)
+            if why:
+                where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
+                yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
 
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
