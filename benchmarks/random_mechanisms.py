@@ -1,9 +1,10 @@
 """How good estimated errors are of mechanisms made at random: friction, stops, springs, frames in space.
 
-    python -m benchmarks.random_mechanisms [--refinement 16] [--seed 0] [NAME ...]
+    python -m benchmarks.random_mechanisms [--refinement 16] [--seed 0] [--each 3] [NAME ...]
 
-Lengths, sections, materials, loads, friction and stops of four-bars, slider-cranks, L-shaped frames in space and
-spinning arms are drawn; nothing else is said, so that steps, modes and all the rest are those of default settings.
+Lengths, sections, materials, loads, friction and stops of four-bars, slider-cranks, frames, five-bars, plane-stress
+bodies and others (`KINDS`) are drawn; nothing else is said, so that steps, modes and all the rest are those of default
+settings. A mechanism that is not built, or whose run or reference stops, is a row that says so.
 True errors are those against full-order runs with steps `refinement` times smaller, or half of that where such a run
 stops (friction on light nodes); see `benchmarks.effectivity`.
 """
@@ -26,6 +27,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
 
@@ -334,7 +336,6 @@ KINDS: dict[str, tuple[Callable[[np.random.Generator, bool], str], bool]] = {
     "radii": (radii, False), "radii_stop": (radii, True), "two": (two, False), "two_stops": (two, True),
     "solid": (solid, False), "solid_stop": (solid, True),
 }  # fmt: skip
-EACH = 3
 
 
 def measure(path: Path, refinement: int) -> list[str]:
@@ -351,6 +352,9 @@ def measure(path: Path, refinement: int) -> list[str]:
     found = compare(model, reference, values)
     lines = []
     for name, (share, (ratio,), (doubt,)) in found.items():
+        if np.isnan(share):
+            lines.append(f"| {path.stem} | {name} | the run or its reference stopped | | |")
+            continue
         verdict = "not estimated" if np.isnan(ratio) else f"{ratio:.2f}"
         beyond = " beyond" if ratio > FACTOR or ratio < 1.0 / FACTOR else ""
         lines.append(f"| {path.stem} | {name} | {100 * share:.2g} % | {doubt:.2g} | {verdict}{beyond} |")
@@ -363,6 +367,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", choices=[*KINDS, []], metavar="NAME", help=f"of {', '.join(KINDS)}")
     parser.add_argument("--refinement", type=int, default=16, metavar="K", help="steps of the reference in one")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("--each", type=int, default=3, metavar="N", help="mechanisms of a name")
     given = parser.parse_args()
     start_petsc()
 
@@ -370,10 +375,14 @@ def main() -> int:
         print("| mechanism | output | true error | doubt | estimated over true |\n| --- | --- | --- | --- | --- |")
         with tempfile.TemporaryDirectory() as folder:
             for number, (name, (make, choice)) in enumerate(KINDS.items()):
-                for k in range(EACH if name in given.names or not given.names else 0):
+                for k in range(given.each if name in given.names or not given.names else 0):
                     path = Path(folder) / f"{name}_{k}.toml"
                     path.write_text(make(np.random.default_rng([given.seed, number, k]), choice))
-                    print("\n".join(measure(path, given.refinement)), flush=True)
+                    try:
+                        lines = measure(path, given.refinement)
+                    except RunError as error:
+                        lines = [f"| {path.stem} | not built: {error} | | | |"]
+                    print("\n".join(lines), flush=True)
 
     return guarded(run)
 

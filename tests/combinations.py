@@ -76,6 +76,9 @@ KINDS = {
 FEATURES = {
     "nothing": (),
     "torque": ('effects.x={{type="torque",joint="{drive}",table=[[0.0,0.0],[1.0,1.0]],scale="strength"}}',),
+    "torque over an angle": (
+        'effects.x={{type="torque",joint="{drive}",over="{drive}",table=[[-1.0,0.2],[1.0,1.0]],scale="strength"}}',
+    ),  # fmt: skip
     "force": ('effects.x={{type="force",point="{last}:tip",direction={down},table=[[0.0,0.1],[1.0,1.0]]}}',),
     "force that follows": (
         'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',),
@@ -84,6 +87,9 @@ FEATURES = {
         "{{amplitude=1.0,frequency_hz=3.0}}}}",
     ),  # fmt: skip
     "gravity": ('effects.x={{type="gravity",direction={down}}}',),
+    "base motion": (
+        'effects.x={{type="base_motion",direction={down},harmonic={{amplitude=1.0,frequency_hz=3.0}},scale="strength"}}',
+    ),  # fmt: skip
     "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
     "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),
@@ -92,6 +98,9 @@ FEATURES = {
     "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),
     "stop": ('effects.x={{type="end_stop",joint="{drive}",lower=-0.5,upper=0.7,stiffness=1e3,damping=0.1}}',),
     "free play": ('effects.x={{type="free_play",joint="{drive}",lower=-0.1,upper=0.1,stiffness=50.0,damping=0.1}}',),
+    "formula": (
+        'effects.x={{type="law",joint="{drive}",force="A * sin(3 * s) - 0.1 * v + t",constants={{A="strength"}}}}',
+    ),  # fmt: skip
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),

@@ -132,6 +132,7 @@ SIZES = EffectSizes(
     {"theta": 6.5},
     2.0,
     ("the scene leaves out gravity",),
+    {"theta": "rad"},
 )
 
 PARTS = (SELECTION, SIZES)

@@ -13,8 +13,8 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes",
-    "reduction", "outputs", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
+    "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes", "outputs",
+    "reduction", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
     "bench", "design", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
 )  # fmt: skip
 FREE = ("runtime", "")  # "" is the package itself: its version

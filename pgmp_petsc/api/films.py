@@ -38,7 +38,7 @@ ENDINGS = (".mp4", ".gif")
         "File to write, NAME.mp4 or NAME.gif; it replaces an older one when it is complete.", "-o --output", "FILE",
         required=True,
     ),
-    mode=Argument("Mode K of a reduced model, from 1.", word="K"),
+    mode=Argument("Mode K of a reduced model.", word="K", allowed=Range(1)),
     at=Argument(
         "Coordinate (rad) of the configuration of the mode. Those at the start where not given.", word="NAME=VALUE",
         allowed="angles (rad) by the names of coordinates, such as {'theta': 0.5}",

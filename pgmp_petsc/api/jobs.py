@@ -31,6 +31,7 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.plugins import in_use
+from pgmp_petsc.runtime.progress import doing
 from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.runtime.steps import LABEL, Steps
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -289,7 +290,9 @@ class _Job:
         from pgmp_petsc.report.page import write_report
 
         on_root(self.comm, self.steps.check_files, [file.name for file in self.files])
-        for line in on_root(self.comm, write_report, self.files, page):
+        with doing("report"):
+            lines = on_root(self.comm, write_report, self.files, page)
+        for line in lines:
             self._say("report", line)
 
     def _step(
@@ -305,7 +308,7 @@ class _Job:
         self._say_what_is_replaced(title, name)
         on_root(comm, self.steps.begin, name, key, self.changes)
         try:
-            with untold():
+            with untold(), doing(title):
                 failure = make(target, resume)
         except RunError as error:
             # a run that stopped early has its file, which the report shows
@@ -340,7 +343,9 @@ class _Job:
         failure = on_root(self.comm, self.steps.failure, name)
         self.failures += [failure] if failure else []
         ahead = " (finished before; --force does it again)" if again else ""
-        self._say(title, f"{on_root(self.comm, headline, target)} -> {target}{ahead}")
+        with doing(title):
+            said = on_root(self.comm, headline, target)
+        self._say(title, f"{said} -> {target}{ahead}")
 
     def _is_written(self, target: Path) -> bool:
         """Return whether the step that failed left its file, which is newer than its note in the ledger."""

@@ -158,7 +158,7 @@ def _limited(model: AnyModel) -> list[tuple[Coordinate, Reading]]:
     kinematics = model.kinematics
     if isinstance(model, ReducedModel):
         return []
-    return [(c, Reading.of_angle(c.connection, kinematics)) for c in kinematics.coordinates if not c.periodic]
+    return [(c, Reading.of_coordinate(c, kinematics)) for c in kinematics.coordinates if not c.periodic]
 
 
 def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:

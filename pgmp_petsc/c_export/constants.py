@@ -92,7 +92,7 @@ class Constants:
     #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
     load_of_term: Sequence[int]
     strength_of_load: Sequence[int]
-    coordinate_names: Sequence[str]  # of the rigid coordinates
+    coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
     #: values that this has
     coordinates: Sequence[StatementInC]
@@ -111,7 +111,7 @@ class Constants:
     @property
     def free(self) -> list[str]:
         """Names of the coordinates, rigid and flexible, whose motion is not given."""
-        rigid = [name for name, motion in zip(self.coordinate_names, self.motions) if not motion]
+        rigid = [name for name, motion in zip(self.coordinate_units, self.motions) if not motion]
         return [*rigid, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
 
 
@@ -130,7 +130,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         model = ReducedModel(scene, model.rom, model.kinematics)
     terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
-    held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.connection.sides)}
+    held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.sides)}
     nodes = sorted({*model.outputs.nodes, *held, *driven})
     slots = {node: slot for slot, node in enumerate(nodes)}
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
@@ -169,7 +169,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
         load_of_term=[loads.index(name) for name in terms.tables.load_effects],
         strength_of_load=[list(over_time).index(name) for name in loads],
-        coordinate_names=[c.name for c in kinematics.coordinates],
+        coordinate_units={c.name: c.unit for c in kinematics.coordinates},
         coordinates=coordinates_of(kinematics, slots),
         closure=closure,
         closure_wanted=wanted,

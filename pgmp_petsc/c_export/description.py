@@ -98,9 +98,10 @@ def _states(constants: Constants) -> list[Variable]:
     inside = [*map(quoted, free[:n_rigid]), *free[n_rigid:]]
     names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
     # modal coordinates have units of their own
-    units = [unit if k < n_rigid else "" for unit in ("rad", "rad/s", "rad/s2") for k in range(len(free))]
+    of_rigid = [constants.coordinate_units[name] for name in free[:n_rigid]]
+    units = [f"{of_rigid[k]}{per}" if k < n_rigid else "" for per in ("", "/s", "/s2") for k in range(len(free))]
     for k, name in enumerate(names):
-        about = "rad or a modal coordinate" if k < len(free) else "rate of a state"
+        about = f"{units[k] or 'a modal coordinate'}" if k < len(free) else "rate of a state"
         found.append(Variable(name, STATES + k, REAL, "local", "continuous", about, unit=units[k]))
     for k, name in enumerate(names):
         about, setting = "derivative of a state", (REAL, "local", "continuous")

@@ -11,11 +11,10 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
-from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, distance
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.outputs.readings import Reading
 
 
 @dataclass(frozen=True)
@@ -43,12 +42,9 @@ class StatementInC:
     turns: tuple[float, ...] = (0.0,)
 
     @classmethod
-    def of_angle(
-        cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray, slots: Mapping[int, int]
-    ) -> StatementInC:
-        """Return the angle of a joint; see `outputs.readings.Reading`."""
-        turns = JointTurns.of(connection, kinematics, start) if kinematics.mechanism.space is SPATIAL else None
-        return cls(connection.angle, *(Side.of(side, slots) for side in connection.sides), _near(turns))
+    def of_reading(cls, reading: Reading, slots: Mapping[int, int]) -> StatementInC:
+        """Return what is read of two points."""
+        return cls(reading.statement, *(Side.of(side, slots) for side in reading.sides), _near(reading.turns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +75,7 @@ class Output:
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
     """Return what measures the coordinates."""
-    start = np.zeros(kinematics.n_coordinates)  # of no account for coordinates
-    return [StatementInC.of_angle(c.connection, kinematics, start, slots) for c in kinematics.coordinates]
+    return [StatementInC.of_reading(Reading.of_coordinate(c, kinematics), slots) for c in kinematics.coordinates]
 
 
 def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[float]]:

@@ -34,6 +34,7 @@ from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
+from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, warning
 from pgmp_petsc.runtime.files import RunRecord
@@ -406,8 +407,9 @@ class _Fitting:
         )
         # y - e follows the data with values that differ by the step that e asks for
         figures = [
-            (name, solution.values[name], solution.values[name] + float(step), float(error))
+            (f"{name} (standard error {plain(error)})", value, value + float(step), float(error))
             for name, step, error in zip(self._names, moved, errors)
+            for value in (solution.values[name],)
             if np.isfinite(error)
         ]
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)

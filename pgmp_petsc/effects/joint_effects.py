@@ -39,7 +39,7 @@ def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
     place = {"a": connection.a, "b": connection.b}
     if slides(mechanism.scene, entry):
         return {"statement": connection.measure("sliding"), **place}
-    numbers = [k for k, c in enumerate(mechanism.coordinates) if c.connection is connection]
+    numbers = [k for k, c in enumerate(mechanism.coordinates) if c.statement is connection.angle]
     return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}
 
 
@@ -81,8 +81,8 @@ class EndStop(OnJoint):
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Say where the motion of the coordinates ends."""
         ranges = [
-            f"{name} from {path.min():.3g} to {path.max():.3g} rad"
-            for name, path in zip(scene.coordinates, run.theta.T)
+            f"{name} from {path.min():.3g} to {path.max():.3g} {unit}"
+            for (name, unit), path in zip(run.units.items(), run.theta.T)
         ]
         return np.nan, f"would matter where the motion ends: {', '.join(ranges)}"
 

@@ -11,7 +11,7 @@ Gravity: the mass matrix times a constant acceleration, one load term for each a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Annotated, Any, Literal, Self
 
@@ -24,6 +24,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.over_joint import closes, over_joint
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection
@@ -37,6 +38,22 @@ from pgmp_petsc.scene.references import apart_problems, load_problems
 from pgmp_petsc.scene.unit_systems import SI, unit_system
 
 GROUND_ORIGIN = "ground:origin"
+OVER = (
+    "the same joint, where the table is not over time, but over its {0}: rows [{0}, value], linear between them and "
+    "constant beyond"
+)
+
+
+def _over_problems(name: str, effect: OverTime) -> Iterator[str]:
+    """Yield a line for what does not fit a load over the motion of a joint."""
+    entry = f"effects.{name}"
+    if effect.table is None:
+        yield problem(f"{entry}.over", "needs a table; a harmonic is over time", effect.over)
+    elif effect.over != effect.joint:
+        words = "a load hangs on the joint that it acts on"
+        yield problem(f"{entry}.over", f"{words}, which is {effect.joint or 'none here'}", effect.over)
+    elif effect.type == "torque" and closes(effect.table) is None:
+        yield problem(f"{entry}.table", "is over a whole turn, and its ends differ; it has to close")
 
 
 class Torque(OverTime):
@@ -47,26 +64,34 @@ class Torque(OverTime):
     joints = ("turning",)
     strength_unit = "N m"
     joint: str = Field(description="name of a joint that turns")
+    over: str | None = Field(None, description=OVER.format("angle (rad)"))
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if steps do not resolve it."""
-        return load_problems(scene, name, self)
+        """Yield a line if steps do not resolve it, or its table does not fit a joint."""
+        return load_problems(scene, name, self) if self.over is None else _over_problems(name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the couples."""
+        if self.over is not None:
+            return over_joint(name, self, mechanism)
         return Couples(name, self, mechanism)
 
 
 class Force(OverTime):
-    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point.
+    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point;
+    or along a joint that slides.
 
-    A force towards a point pulls that point as well, like a rope between the two.
+    A force towards a point pulls that point as well, like a rope between the two. That along a joint acts on the second
+    body, and its reaction on the first.
     """
 
     type: Literal["force"]
     acts = "forces"
+    joints = ("sliding",)
     strength_unit = "N"
-    point: Point = Field(description='where it acts, "body:point"')
+    point: Point | None = Field(None, description='where it acts, "body:point"')
+    joint: str | None = Field(None, description="in place of a point: name of a joint that slides")
+    over: str | None = Field(None, description=OVER.format("displacement (m)"))
     direction: Direction | None = Field(
         None, description="direction (x, y), in space (x, y, z); its length does not matter"
     )
@@ -75,6 +100,12 @@ class Force(OverTime):
 
     @model_validator(mode="after")
     def _one_direction(self) -> Self:
+        exactly_one(self, "point", "joint")
+        given = [key for key in ("direction", "towards", "follows") if getattr(self, key)]
+        if self.joint is not None and given:
+            raise refusal("a force along a joint has its direction; leave it out", given[0])
+        if self.joint is not None:
+            return self
         exactly_one(self, "direction", "towards")
         if self.follows and self.direction is None:
             raise refusal("a direction that turns with the body needs `direction`", "follows")
@@ -84,10 +115,16 @@ class Force(OverTime):
         """Yield a line if the distance that it makes shorter cannot change, or steps do not resolve it."""
         if self.towards is not None:
             yield from apart_problems(scene, f"effects.{name}.towards", (self.point, self.towards))
-        yield from load_problems(scene, name, self)
+        yield from load_problems(scene, name, self) if self.over is None else _over_problems(name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the effect that fits the force's direction; see the module."""
+        if self.over is not None:
+            return over_joint(name, self, mechanism)
+        if self.joint is not None:
+            joint, scale = mechanism.connection(self.joint), (Quantity.of(self.scale),)
+            action = Action(name, joint.measure("sliding"), joint.a, joint.b, SOURCE, scale, amplitude_of(self))
+            return ActionEffect(name, [action], mechanism)
         point = mechanism.attachment(self.point, f"effects.{name}.point")
         other = mechanism.attachment(self.towards or GROUND_ORIGIN, f"effects.{name}.towards")
         scale, amplitude = Quantity.of(self.scale), amplitude_of(self)
@@ -135,7 +172,7 @@ class Gravity(EffectEntry):
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
         """Return the weights."""
-        return Weights(name, self, mechanism)
+        return Weights(name, self.direction, Quantity.of(self.acceleration), mechanism)
 
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
@@ -210,15 +247,21 @@ class Couples(Effect):
 
 
 class HoldingTorque(Effect):
-    """What holds a coordinate until a run starts: no load in the run, but the static basis answers it."""
+    """The torque or force that holds a coordinate until a run starts: no load in the run, but the static basis answers
+    it."""
 
     def __init__(self, coordinate: Coordinate) -> None:
         super().__init__(f"hold {coordinate.name}")
-        self._connection = coordinate.connection
+        self._coordinate = coordinate
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return the couples on the coordinate's joint."""
-        return [_couples(self._connection, matrices)]
+        """Return the couples on the joint of a coordinate that turns."""
+        return [_couples(self._coordinate.connection, matrices)] if self._coordinate.turns else []
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the force along one that is a length."""
+        held = self._coordinate
+        return [] if held.turns else [Action(self.name, held.statement, *held.sides, SOURCE, (Quantity(1.0),))]
 
 
 def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
@@ -233,7 +276,7 @@ def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
 
 
 class Weights(Effect):
-    """Gravity in the models; see the module.
+    """A uniform field of acceleration in the models; see the module.
 
     Attributes
     ----------
@@ -245,10 +288,10 @@ class Weights(Effect):
 
     conservative = True
 
-    def __init__(self, name: str, entry: Gravity, mechanism: Mechanism) -> None:
+    def __init__(self, name: str, direction: Sequence[float], acceleration: Quantity, mechanism: Mechanism) -> None:
         super().__init__(name)
-        direction = self.direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
-        self.acceleration = Quantity.of(entry.acceleration)
+        direction = self.direction = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+        self.acceleration = acceleration
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._mechanism = mechanism

@@ -1,4 +1,4 @@
-"""Prescribed motions of a coordinate: angle, speed and acceleration at any time.
+"""Prescribed motions of a coordinate: value, speed and acceleration at any time.
 
 A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986),
 
@@ -24,6 +24,7 @@ from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable, exactly_one, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, unknown
+from pgmp_petsc.scene.uses import slides
 
 
 class PrescribedMotion(Driving):
@@ -35,7 +36,9 @@ class PrescribedMotion(Driving):
     cause = True
     coordinate: str = Field(description="name of a coordinate")
     table: TimeTable | None = Field(
-        None, description="rows [time (s), angle (rad)]; cubic spline, at rest at both ends and beyond"
+        None,
+        description="rows [time (s), angle (rad) or displacement (m)]; cubic spline, at rest at both ends and beyond; "
+        "or a CSV file, as of a load",
     )
     harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
     spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")
@@ -56,13 +59,15 @@ class PrescribedMotion(Driving):
         if self.coordinate not in scene.coordinates:
             yield unknown(entry, "coordinate", self.coordinate, scene.coordinates)
             return
-        joint = scene.coordinates[self.coordinate].joint
+        moved = scene.coordinates[self.coordinate]
+        joint, slid = moved.joint, slides(scene, moved)
         for other, rival in scene.effects.items():
-            if rival.cause and getattr(rival, "joint", None) == joint:
+            on_joint = joint is not None and getattr(rival, "joint", None) == joint
+            if rival.cause and on_joint and slides(scene, rival) == slid:
                 yield problem(
                     entry,
                     f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion "
-                    "takes whatever torque it needs; leave one of them out",
+                    "takes whatever {'force' if slid else 'torque'} it needs; leave one of them out",
                     self.coordinate,
                 )
             if other < name and isinstance(rival, Driving) and rival.coordinate == self.coordinate:
@@ -89,7 +94,7 @@ class PrescribedMotion(Driving):
 
     @property
     def fastest(self) -> tuple[str, float, tuple[float, ...]]:
-        """The entry that says how fast it becomes, how fast (rad/s), and the entry's value if that is the speed."""
+        """The entry that says how fast it becomes, how fast, and the entry's value if that is the speed."""
         if self.harmonic is not None:
             return "harmonic", 2 * np.pi * self.harmonic.frequency_hz * self.harmonic.amplitude, ()
         for key in ("spin_up", "constant_speed"):
@@ -104,7 +109,7 @@ class PrescribedMotion(Driving):
 
 
 class Instant(NamedTuple):
-    """A motion at an instant, or several, each entry then of shape (n_motions,): rad, rad/s, rad/s2."""
+    """A motion at an instant, or several, each entry then of shape (n_motions,), rad or m."""
 
     angle: float | np.ndarray
     speed: float | np.ndarray
@@ -124,7 +129,7 @@ class Motion:
     Attributes
     ----------
     angle
-        Over time, rad.
+        The coordinate over time, rad or m.
     """
 
     def __init__(self, name: str, entry: PrescribedMotion) -> None:
@@ -144,7 +149,7 @@ class Held:
     Attributes
     ----------
     angle
-        Where, rad.
+        Where, rad or m.
     """
 
     name = "held"

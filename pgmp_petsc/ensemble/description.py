@@ -81,7 +81,8 @@ def describe_ensemble(
     chosen = fine & described & (not is_hiding)
 
     bands, peaks = _bands(scene, kept, chosen, outputs, over_time["extremes"])
-    sizes = peaks.sizes(origin.units, fine)
+    lines = [scene.number(body.line.length) for body in scene.bodies.values() if body.line is not None]
+    sizes = peaks.sizes(origin.units, fine, max(lines, default=0.0))
 
     def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0, size: float = 0.0) -> Statistics:
         asked, known = scene.ensemble, of & np.isfinite(values)
@@ -337,7 +338,7 @@ def _estimate_remarks(
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
         sizes = {name: peaks.largest(name) for name in estimates["errors"]}
-        remarks += large_errors(estimates["errors"], sizes, origin.model)
+        remarks += large_errors(estimates["errors"], sizes, origin.units, origin.model)
     if estimates["errors"] and (origin.model == "reduced" or n_steps >= FEWEST_STEPS):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)

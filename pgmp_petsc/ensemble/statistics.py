@@ -79,9 +79,10 @@ class Peaks:
         stand_in = np.nan if not others.size else np.median(others) if known.any() else others.max()
         return np.where(known, found, stand_in)
 
-    def sizes(self, units: Mapping[str, str], fine: np.ndarray) -> dict[str, float]:
-        """Return beside what each quantity may vary by round-off: `sizes_of` the outputs."""
-        sizes = sizes_of({output: self.largest(output)[fine] for output in self.outputs}, units)
+    def sizes(self, units: Mapping[str, str], fine: np.ndarray, length: float = 0.0) -> dict[str, float]:
+        """Return beside what each quantity may vary by round-off: `sizes_of` the outputs, and a length of the
+        mechanism's in m."""
+        sizes = sizes_of({output: self.largest(output)[fine] for output in self.outputs}, units, length)
         return sizes | {f"{output}.{which}": size for output, size in sizes.items() for which in DESCRIBED}
 
     def excess(self, event: Event) -> np.ndarray:

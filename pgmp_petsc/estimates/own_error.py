@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import number_text, share_text, with_unit
 from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -89,7 +89,7 @@ def too_few_steps(n_steps: int) -> tuple[Remark, ...]:
 
 
 def large_errors(
-    errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], model: str = "reduced"
+    errors: Mapping[str, np.ndarray], sizes: Mapping[str, np.ndarray], units: Mapping[str, str], model: str = "reduced"
 ) -> tuple[Remark, ...]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs.
 
@@ -97,6 +97,8 @@ def large_errors(
     ----------
     errors, sizes
         Largest error, and largest size, of every output in each run, shape (n_runs,); NaN where they are not known.
+    units
+        Units of outputs.
     model
         What runs are of.
     """
@@ -108,7 +110,7 @@ def large_errors(
         if n_large:
             worst = int(np.argmax(shares))
             share, size = float(shares[worst]), float(sizes[name][runs[worst]])
-            text = share_text(share) if share <= 1.0 else f"more than all of it ({size:.2g})"
+            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(size, units[name], 2)})"
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
@@ -410,7 +412,9 @@ def of_figures(
         share = abs(value - without) / size if size > 0.0 else 0.0
         shares.append(share)
         if share > comparable:
-            told.append(f"{what}: {value:.5g}, about {without:.5g} without the estimated errors")
+            both = np.array([value, without])
+            shown, other = (number_text(one, both, 9) for one in both)
+            told.append(f"{what}: {shown}, about {other} without the estimated errors")
     if told:
         return (warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"),)
     return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)

@@ -157,13 +157,16 @@ class ReferenceMotion:
         Largest step of the differences, s: for what does not move at all.
     rotations
         Largest rotation of a frame in its body per unit of each flexible coordinate, shape (n_eta - n_theta,), rad.
+    turns
+        What one unit of each rigid coordinate counts, shape (n_theta,), rad.
     """
 
     def __init__(
-        self, unknowns: Unknowns, n_dofs: int, states: np.ndarray, n_theta: int, longest: float, rotations: np.ndarray
-    ) -> None:
+        self, unknowns: Unknowns, n_dofs: int, states: np.ndarray, n_theta: int, longest: float, rotations: np.ndarray,
+        turns: np.ndarray | float = 1.0,
+    ) -> None:  # fmt: skip
         self._unknowns, self._n_dofs, self._states = unknowns, n_dofs, states
-        self._n_theta, self._longest, self._rotations = n_theta, longest, rotations
+        self._n_theta, self._longest, self._rotations, self._turns = n_theta, longest, rotations, turns
         self._first, self._kept = 0, np.empty((3, 0, 0, 0))
 
     def at(self, number: int) -> Instant:
@@ -197,7 +200,8 @@ class ReferenceMotion:
     def _fill(self, states: np.ndarray, kept: np.ndarray) -> None:
         """Fill the parts of instants, (3, n, n_dofs, n_samples), for states (n, 3, n_samples, n_eta)."""
         r = self._n_theta
-        pace = np.max(states[:, 1, :, :r] ** 2 + TURN * np.abs(states[:, 2, :, :r]), axis=-1)
+        speeds, changes = (states[:, part, :, :r] * self._turns for part in (1, 2))
+        pace = np.max(speeds**2 + TURN * np.abs(changes), axis=-1)
         bending, changing = (np.abs(states[:, part, :, r:]) @ self._rotations for part in (1, 2))
         bent = (TURN / BEND) ** 2 * np.maximum(bending**2, BEND * changing)
         tau = TURN / np.sqrt(np.maximum(np.maximum(pace, bent), (TURN / self._longest) ** 2))

@@ -22,6 +22,7 @@ class PointOnLine(JointEntry):
     type: Literal["point_on_line"]
     dimensions = (2, 3)
     motions = ("sliding",)
+    also_in_plane = ("turning",)
     connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
     direction: Direction = Field(
         description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"

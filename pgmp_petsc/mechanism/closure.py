@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.runtime.errors import InputError
 
@@ -42,17 +42,20 @@ class LoopClosure:
         A length that is typical of the mechanism: the largest extent of a body, m.
     n_coordinates
         Number of independent rigid coordinates n_theta.
+    scales
+        What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.size = size_of(mechanism)
         self.n_coordinates = len(mechanism.coordinates)
+        self.scales = np.array([c.scale(self.size) for c in mechanism.coordinates])
         self.n_pose = mechanism.space.n_pose
         origin = np.zeros(mechanism.space.dimension)
         parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
         self.n_constraints = len(parts)
-        parts += [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates]
+        parts += [(c.statement, c.sides) for c in mechanism.coordinates]
         # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
@@ -66,7 +69,7 @@ class LoopClosure:
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
-        return described(self.mechanism, theta)
+        return words_of(self.mechanism.coordinates, theta)
 
     def measured(self, poses: np.ndarray) -> np.ndarray:
         """Return the coordinates at poses (n_bodies, n_pose, n), shape (n_theta, n)."""
@@ -244,12 +247,6 @@ class LoopClosure:
 def size_of(mechanism: Mechanism) -> float:
     """Return a length that is typical of a mechanism: the largest extent of a body, m."""
     return max(body.extent for body in mechanism.bodies)
-
-
-def described(mechanism: Mechanism, theta: np.ndarray) -> str:
-    """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
-    values = (f"{c.name} = {value:.6g}" for c, value in zip(mechanism.coordinates, theta))
-    return f"{', '.join(values)} rad"
 
 
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ class ConstraintSet:
         self._unknowns, self.n_dofs = unknowns, unknowns.n_dofs
         frames = [Attachment(0, node, np.zeros(d), np.zeros(d)) for node in range(mechanism.n_nodes)]
         parts, self._wanted = mechanism.holding(frames)
-        driven = [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates if c.prescribed]
+        driven = [(c.statement, c.sides) for c in mechanism.coordinates if c.prescribed]
         self._joints, self._drives = (
             StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
             for rows in (parts, driven)

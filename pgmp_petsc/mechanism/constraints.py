@@ -31,7 +31,7 @@ class ConstraintJacobian:
     mechanism
         The mechanism.
     clamped
-        Coordinates that are held: the relative rotation of each is one more constraint.
+        Coordinates that are held: the statement of each is one more constraint.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class ConstraintJacobian:
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         held = [(part, c.sides) for c in mechanism.connections for part in c.statements]
-        self._gradients = BodyGradients(mechanism, held + [(c.connection.angle, c.connection.sides) for c in clamped])
+        self._gradients = BodyGradients(mechanism, held + [(c.statement, c.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
         ones, shape = np.ones(rows.size), (self._gradients.n, mechanism.n_dofs)

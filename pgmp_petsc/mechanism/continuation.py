@@ -361,7 +361,7 @@ def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray)
     one = len(coordinates) == 1
     raise InputError(
         f"coordinates.{names}: {'it does' if one else 'they do'} not control the mechanism at "
-        f"{f'{theta[0]:.6g} rad' if one else closure.describe(theta)} (smallest "
+        f"{closure.describe(theta).partition(' = ')[2] if one else closure.describe(theta)} (smallest "
         f"singular value of the closure {values[-1]:.3g}, largest {values[0]:.3g}); choose another joint or a "
         "range without this configuration"
     )
@@ -384,7 +384,7 @@ def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.nda
     return np.linalg.slogdet(product)[0] > 0
 
 
-LONGEST = 0.1  # rad of a step: Newton's method goes from one place to the next in a correction or two
+LONGEST = 0.1  # rad, or of the size, of a step: Newton's method goes from one place to the next in a correction or two
 ON_THE_WAY = 1e-2  # of the mechanism's size or of 1 rad: from so near it follows the branch to the next place
 MOST_KEPT = 100_000  # places
 
@@ -404,6 +404,7 @@ class Walk:
 
     def __init__(self, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
         self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]
+        self._steps = LONGEST * closure.scales
         self._kept: dict[tuple[int, ...], np.ndarray] = {}  # poses by the numbers of a place
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
@@ -411,7 +412,7 @@ class Walk:
 
         Raises `InputError` if the mechanism cannot be closed somewhere on the way.
         """
-        numbers = np.nan_to_num((theta - self._theta) / LONGEST, nan=0.0, posinf=0.0, neginf=0.0)
+        numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
         self._go_to(places)
         begun = np.array([self._at(place) for place in places]).reshape(len(places), *self._assembled.shape)
@@ -433,7 +434,7 @@ class Walk:
                     break
                 before[far][place] = place = tuple(round(k * (far - 1) / far) for k in place)
         for far in sorted(before):
-            theta = self._theta + LONGEST * np.array(list(before[far]))
+            theta = self._theta + self._steps * np.array(list(before[far]))
             begun = np.stack([self._at(one) for one in before[far].values()], axis=-1)
             reached = self._closure.close(begun, theta, tolerance=ON_THE_WAY)
             self._kept.update(zip(before[far], np.moveaxis(reached, -1, 0)))

@@ -36,7 +36,7 @@ class JointTurns:
         """
         n = kinematics.n_coordinates
         for k, coordinate in enumerate(kinematics.coordinates):
-            if coordinate.connection is connection:
+            if coordinate.statement is connection.angle:
                 return cls(0.0, np.eye(n)[k])
         if kinematics.branch is None:
             return cls(0.0, np.zeros(n))

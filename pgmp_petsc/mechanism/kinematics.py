@@ -13,19 +13,20 @@ from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
+from pgmp_petsc.mechanism.closure import LoopClosure, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.runtime.errors import InputError
 
-FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
-COARSE_STEP = 0.1  # rad; where a tensor grid is to be followed
-LEAST_STEPS = 8
+# rad, or of the mechanism's size; Newton's method converges from a linear prediction over far larger steps
+FINE_STEP = 0.02
+COARSE_STEP = 0.1  # where a tensor grid is to be followed
+LEAST_STEPS, MOST_STEPS = 8, 5000
 MOST_COORDINATES = 2
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
-REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the range's end
+REACH = 0.05  # rad, or of the mechanism's size, beyond a limited range: the bending of a joint's node at its end
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ class RigidKinematics:
 
     def _continued(self) -> PoseBranch:
         """Follow the assembly branch over the range."""
-        axes = [self._axis(coordinate.lower, coordinate.upper) for coordinate in self.coordinates]
+        axes = [self._axis(coordinate) for coordinate in self.coordinates]
         start, assembled = self._assemble(axes)
         n_redundant = self._check_count(assembled)
         return PoseBranch.of(self._closure, Continuation(self._closure, axes, start, assembled), axes, n_redundant)
@@ -157,7 +158,7 @@ class RigidKinematics:
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,), for messages: ``theta = 0.1 rad``."""
-        return described(self.mechanism, np.atleast_1d(theta))
+        return words_of(self.coordinates, np.atleast_1d(theta))
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Solve the rigid closure.
@@ -250,17 +251,20 @@ class RigidKinematics:
         """
         theta = np.asarray(theta)
         if self.n_coordinates == 1:
-            return _reaches(self.coordinate, theta)
-        parts = [_reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
+            return self._reaches(self.coordinate, theta)
+        parts = [self._reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
         return np.logical_and.reduce(parts)
 
     def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return closure and driving residuals, shape (n_constraints + n_theta, n)."""
         return self._closure.residual(poses, self.configurations(theta))
 
-    def _axis(self, lower: float, upper: float) -> np.ndarray:
-        step = FINE_STEP if self.n_coordinates == 1 else COARSE_STEP
-        return np.linspace(lower, upper, max(LEAST_STEPS, int(np.ceil((upper - lower) / step))) + 1)
+    def _axis(self, coordinate: Coordinate) -> np.ndarray:
+        step = (FINE_STEP if self.n_coordinates == 1 else COARSE_STEP) * coordinate.scale(self.size)
+        n = max(LEAST_STEPS, int(np.ceil((coordinate.upper - coordinate.lower) / step)))
+        # an angle's range is looked at with the scene; a rail may be long, and on it little changes
+        n = n if coordinate.turns else min(n, MOST_STEPS)
+        return np.linspace(coordinate.lower, coordinate.upper, n + 1)
 
     def _assemble(self, axes: Sequence[np.ndarray]) -> tuple[list[int], np.ndarray]:
         """Return the numbers of the first configuration along the axes, and the poses there."""
@@ -364,9 +368,9 @@ class RigidKinematics:
         moved[:, :d] *= self.size
         return self._closure.closed_freely(poses + moved)
 
-
-def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
-    """Return where values of one coordinate can be placed."""
-    if coordinate.periodic:
-        return np.abs(theta) <= FURTHEST
-    return (theta >= coordinate.lower - REACH) & (theta <= coordinate.upper + REACH)
+    def _reaches(self, coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
+        """Return where values of one coordinate can be placed."""
+        if coordinate.periodic:
+            return np.abs(theta) <= FURTHEST
+        reach = REACH * coordinate.scale(self.size)
+        return (theta >= coordinate.lower - reach) & (theta <= coordinate.upper + reach)

@@ -19,24 +19,48 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.joints import Connection, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.unit_systems import SI, unit_system
+from pgmp_petsc.scene.uses import slides
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coordinate:
-    """An independent rigid coordinate: the relative rotation of a joint over a range (rad).
+    """An independent rigid coordinate: the value of a statement over a range.
 
-    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not turn its joint.
+    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not change it.
     """
 
     name: str
-    connection: Connection
+    statement: Statement  # what it is, rad or m
+    sides: tuple[Attachment, Attachment]  # of the statement
+    #: lower, upper: its range
     lower: float
     upper: float
     periodic: bool
     prescribed: bool = False
+    connection: Connection | None = None  # the joint whose motion it is; None of a distance
+    unit: str = "rad"  # of its values in the scene
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is an angle."""
+        return self.statement.kind == ANGLE
+
+    def scale(self, size: float) -> float:
+        """Return what a small change of it is measured against, in a mechanism of a size, m: 1 rad, or the size."""
+        return 1.0 if self.turns else size
+
+    def described(self, value: float, digits: int = 6) -> str:
+        """Return ``theta = 0.1 rad``."""
+        return f"{self.name} = {value:.{digits}g} {self.unit}"
+
+
+def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int = 6) -> str:
+    """Name a configuration (n_theta,): ``theta = 0.1 rad, x = 0.2 m``."""
+    return ", ".join(c.described(value, digits) for c, value in zip(coordinates, theta))
 
 
 def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
@@ -205,10 +229,18 @@ class Mechanism:
         connections = connections_of(scene, bodies, guess)
         prescribed = _prescribed(scene)
         by_name = {connection.name: connection for connection in connections}
-        coordinates = tuple(
-            Coordinate(name, by_name[entry.joint], *entry.range, entry.periodic, name in prescribed)
-            for name, entry in scene.coordinates.items()
-        )
+        coordinates = []
+        for name, entry in scene.coordinates.items():
+            joint = by_name.get(entry.joint)
+            if joint is None:
+                statement, address = distance(scene.dimension), f"coordinates.{name}.points"
+                sides = tuple(attachment_at(scene, bodies, point, address) for point in entry.points)
+            else:
+                statement, sides = joint.measure("sliding" if slides(scene, entry) else "turning"), joint.sides
+            unit = "rad" if statement.kind == ANGLE else (unit_system(scene) or SI).unit("m")
+            rest = (*entry.range, entry.periodic, name in prescribed, joint, unit)
+            coordinates.append(Coordinate(name, statement, sides, *rest))
+        coordinates = tuple(coordinates)
         return cls(bodies, connections, coordinates, guess, scene, shapes)
 
 

@@ -165,7 +165,7 @@ class FullModel:
             np.concatenate([one.unknowns for one in each], axis=1),
             {k: one.reasons[0] for k, one in enumerate(each) if one.reasons},
             np.concatenate([one.unstable for one in each]),
-            each[0].names,
+            each[0].coordinates,
             each[0].free,
         )
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from pgmp_petsc.effects import motions_of
+from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -75,7 +76,8 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
     for number, motion in motions.items():
         if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
             raise InputError(
-                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} rad/s at time zero, "
+                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} "
+                f"{mechanism.coordinates[number].unit}/s at time zero, "
                 "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
                 "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
             )
@@ -105,8 +107,9 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     lower, upper = np.array(bounds).T
     return Search(
         tuple(k for k, coordinate in enumerate(coordinates) if free and not coordinate.prescribed),
-        tuple(coordinate.name for coordinate in coordinates),
+        coordinates,
         lower,
         upper,
         scene.simulation.duration,
+        size_of(mechanism),
     )

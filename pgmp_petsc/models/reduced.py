@@ -99,7 +99,7 @@ class ReducedModel:
             if not axis.contains(position):
                 raise InputError(
                     f"simulation.initial.{coordinate.name}.position = {position:g}: outside the sampled range "
-                    f"[{axis.lower:g}, {axis.upper:g}] rad"
+                    f"[{axis.lower:g}, {axis.upper:g}] {coordinate.unit}"
                 )
 
     @property

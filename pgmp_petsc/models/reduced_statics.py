@@ -23,7 +23,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on, settled_in
 
-TURN = 1e-6  # rad of differences
+TURN = 1e-6  # of differences, in rad or of the mechanism's size
 TORQUE = 1e-3  # of differences along torques, in units of those that are left
 SHAPE = 1e-4  # of differences along flexible coordinates, in units of the mechanism's size or of 1 rad
 MAX_STEPS = 60  # the slopes of the joints follow the deformation from step to step
@@ -44,7 +44,7 @@ class ReducedStatics:
         self._system, self._angles = system, angles
         self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
         self._eta = np.zeros((system.n_samples, system.n_eta))
-        # of the loads, with which a deformation was found last; how far a joint that is not held is away, rad
+        # of the loads, with which a deformation was found last; how far a joint that is not held is away
         self._share, self._away = np.zeros(system.n_samples), np.zeros(system.n_samples)
 
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -67,9 +67,9 @@ class ReducedStatics:
             return cause_of(self._share[sample])
         return (
             f"the deformation under the loads was, but no rigid coordinates with which the joints stand there: "
-            f"{self._away[sample]:.2g} rad remain. The modes may turn the joint by too much for the model; take "
-            "reduction.static_modes = true or more reduction.angles and build again, or let simulation.initial begin "
-            "elsewhere"
+            f"{self._away[sample]:.2g} of 1 rad, or of the size, remain. The modes may move the joint by too much for "
+            "the model; take reduction.static_modes = true or more reduction.angles and build again, or let "
+            "simulation.initial begin elsewhere"
         )
 
     def unknowns(self) -> np.ndarray:
@@ -91,13 +91,14 @@ class ReducedStatics:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Solve for theta and the holding torques mu of the active samples; return minus mu, and the samples lost."""
         r = self._n_theta
+        scales = self._angles.scales
         mu, last, moved_by = np.zeros((self.n_samples, r)), np.full(self.n_samples, np.inf), np.full(lost.shape, np.inf)
         for _ in range(MAX_STEPS + 1):
             slopes = self._angles.gradient(eta)
             # what is differenced below: with the slopes of the step before, differences over `TURN` would be of theirs
             left, failed = self._deform(eta, mu, slopes, active)
             lost = lost | (failed & active)
-            away = self._angles.of(eta) - angles
+            away = (self._angles.of(eta) - angles) / scales
             # theta may be at rest while mu still bends the joint
             size = np.maximum(moved_by, np.max(np.abs(away), axis=1))
             active = active & ~lost & ~settled_in(size, last)
@@ -111,11 +112,12 @@ class ReducedStatics:
             jacobian = np.zeros((self.n_samples, 2 * r, 2 * r))
             for column in range(2 * r):
                 moved, torque, k = eta.copy(), mu.copy(), column % r
-                step = np.full(self.n_samples, TURN) if column < r else TORQUE * np.where(pull > 0.0, pull, 1.0)
+                by_torque = TORQUE * np.where(pull > 0.0, pull, 1.0)
+                step = np.full(self.n_samples, TURN * scales[k]) if column < r else by_torque
                 (moved if column < r else torque)[:, k] += step
                 changed, failed = self._deform(moved, torque, slopes, active)
                 lost = lost | (failed & active)
-                found = np.concatenate([changed, self._angles.of(moved) - angles], axis=1)
+                found = np.concatenate([changed, (self._angles.of(moved) - angles) / scales], axis=1)
                 jacobian[:, :, column] = (found - defect) / step[:, None]
             active = active & ~lost
             for sample in np.flatnonzero(active):
@@ -128,7 +130,7 @@ class ReducedStatics:
                     continue
                 eta[sample, :r] += step[:r]
                 mu[sample] += step[r:]
-                moved_by[sample] = np.max(np.abs(step[:r]))
+                moved_by[sample] = np.max(np.abs(step[:r]) / scales)
             active = active & ~lost
         self._away[active] = np.max(np.abs(away), axis=1)[active]
         return -mu, lost | active
@@ -173,19 +175,25 @@ class ReducedStatics:
 
 
 class JointAngles:
-    """Angles of the joints that are coordinates, for reduced states.
+    """Coordinates as the joints have them, for reduced states.
 
     Parameters
     ----------
     scale
         Displacement per unit of each reduced coordinate, shape (n_eta,), as in `ReducedTerms`.
+
+    Attributes
+    ----------
+    scales
+        1 rad or the mechanism's size, shape (n_theta,).
     """
 
     def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, scale: np.ndarray) -> None:
-        self._angles = [Reading.of_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self._angles = [Reading.of_coordinate(coordinate, kinematics) for coordinate in kinematics.coordinates]
         self._nodes = sorted(set().union(*(angle.nodes for angle in self._angles)))
         self._reconstruction = Reconstruction(kinematics, rom, scheme, self._nodes)
-        self._steps = SHAPE / np.maximum(scale, 1e-300)
+        self.scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
+        self._steps = np.concatenate([TURN * self.scales, SHAPE / np.maximum(scale[self.scales.size :], 1e-300)])
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return the angles, shape (n, n_theta), for reduced coordinates (n, n_eta)."""
@@ -194,10 +202,9 @@ class JointAngles:
 
     def gradient(self, eta: np.ndarray) -> np.ndarray:
         """Return the derivatives of the angles, shape (n, n_theta, n_eta)."""
-        n_theta, result = len(self._angles), []
-        for i, along in enumerate(self._steps):
+        result = []
+        for i, step in enumerate(self._steps):
             ahead, behind = eta.copy(), eta.copy()
-            step = TURN if i < n_theta else along
             ahead[:, i] += step
             behind[:, i] -= step
             result.append((self.of(ahead) - self.of(behind)) / (2.0 * step))

@@ -329,20 +329,23 @@ class GridBasis:
         near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
         turn away from each other, the group is joined with the one that it mixes with most: their common space is
         continuous. Raises `RunError` if neighbouring lines do not stay together even so; told is whether the modes
-        alone would.
+        alone would, or how many of the first ones.
         """
         try:
             return cls._followed(samples, start)
-        except RunError:
+        except RunError as error:
             n_modes = samples.eigenvalues.shape[1]
-            if n_modes < len(start) and _can_be_followed(samples.of_first(n_modes), start[:n_modes, :n_modes]):
+            followed = (n for n in range(n_modes, 0, -1) if _can_be_followed(samples.of_first(n), start[:n, :n]))
+            n_followed = next(followed, 0)
+            if n_modes < len(start) and n_followed == n_modes:
                 raise RunError(
                     "the static answers in the basis cannot be followed over the configurations, though its "
                     f"{n_modes} mode(s) alone can: at some configurations an answer is nearly a combination of the "
                     "modes and of the other answers; leave some out, or all (reduction.static_modes, "
                     "reduction.inertia_modes, reduction.spring_modes = false), and keep more reduction.modes instead"
                 ) from None
-            raise
+            told = f"; with reduction.modes = {n_followed} they can" if n_followed else ""
+            raise RunError(f"{error}{told}") from None
 
     @classmethod
     def _followed(cls, samples: GridNeighbours, start: np.ndarray) -> GridBasis:

@@ -213,10 +213,10 @@ class SpringStiffness:
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
         self.dofs = [moving_dofs(spring) for spring in self._springs]
         self._forces = UnitForces(self._springs, self._mechanism)
-        turned = [kinematics.coordinates[k].connection for k in self.free]
-        self._turning = BodyGradients(self._mechanism, [(joint.angle, joint.sides) for joint in turned])
+        moved = [kinematics.coordinates[k] for k in self.free]
+        self._moving = BodyGradients(self._mechanism, [(c.statement, c.sides) for c in moved])
         if weights is not None and self.free.size:
-            self.dofs.append(np.unique(self._turning.dofs))
+            self.dofs.append(np.unique(self._moving.dofs))
 
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: MPI.Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
@@ -238,7 +238,7 @@ class SpringStiffness:
         ]
         if loaded and self.free.size:
             dofs = self.dofs[-1]
-            turning = self._turning.dense(poses)[:, dofs].T
+            turning = self._moving.dense(poses)[:, dofs].T
             blocks.append(Block(dofs, turning @ self._of_curvature(theta, forces, matrices, comm) @ turning.T))
         return blocks
 

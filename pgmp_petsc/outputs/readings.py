@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL, Space
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.runtime.errors import InputError
@@ -45,6 +46,13 @@ class Reading:
     in_body: bool = False  # whether the axis of a deformation is one of the body
     of_coordinates: frozenset[int] = frozenset()  # nodes that the rigid mechanism of a deformation is measured at
     rate: bool = False  # whether it is how fast the number changes
+
+    @classmethod
+    def of_coordinate(cls, coordinate: Coordinate, kinematics: RigidKinematics) -> Self:
+        """Return what measures a coordinate."""
+        if coordinate.turns:
+            return cls.of_angle(coordinate.connection, kinematics)
+        return cls("MEASURE", coordinate.sides, coordinate.statement, kinematics.mechanism.space)
 
     @classmethod
     def of_angle(cls, connection: Connection, kinematics: RigidKinematics, start: np.ndarray | None = None) -> Self:
@@ -131,7 +139,7 @@ class RigidReference:
 
     def __init__(self, kinematics: RigidKinematics) -> None:
         self._kinematics = kinematics
-        self._angles = [Reading.of_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self._angles = [Reading.of_coordinate(coordinate, kinematics) for coordinate in kinematics.coordinates]
         self.nodes = frozenset().union(*(angle.nodes for angle in self._angles))
 
     def reached(self, frames: Frames) -> np.ndarray:

@@ -98,8 +98,8 @@ def _congruent(matrix: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     return np.einsum("nki,kl,nlj->nij", shapes, matrix, shapes, optimize=True)
 
 
-# rad; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its largest value in all scenes of
-# one coordinate. Of two, 12 cells a turn are as good as the spline is: 5e-7 in five_bar.
+# rad, or of the mechanism's size; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its
+# largest value in all scenes of one coordinate. Of two, 12 cells a turn are as good as the spline is: 5e-7 in five_bar.
 WIDEST = 2 * np.pi / 48
 
 
@@ -177,6 +177,7 @@ class ReducedTerms:
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
         r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
         space = kinematics.mechanism.space
+        scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
         nodal = projection[:, : space.n_dofs * kinematics.mechanism.n_nodes]
         return cls(
             tables=tables,
@@ -185,7 +186,7 @@ class ReducedTerms:
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
             layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
-            scale=np.concatenate([np.ones(r), displacement_scale(nodal, kinematics.size, space.dimension)]),
+            scale=np.concatenate([1.0 / scales, displacement_scale(nodal, kinematics.size, space.dimension)]),
             damping=damping,
         )
 
@@ -198,7 +199,7 @@ class ReducedTerms:
     def parts(self) -> int:
         """Number of parts of a cell between samples: of one coordinate none is wider than `WIDEST`."""
         axes = self.terms.axes
-        return int(np.ceil(axes[0].step / WIDEST - 1e-9)) if len(axes) == 1 else 1
+        return int(np.ceil(axes[0].step * self.scale[0] / WIDEST - 1e-9)) if len(axes) == 1 else 1
 
     @cached_property
     def polynomials(self) -> Tables:

@@ -37,14 +37,13 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.angles import AngleRounds
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
 from pgmp_petsc.reduction.continuous_basis import (
     ContinuousBasis,
     JoinedSamples,
     SampleStore,
     compression_of,
-    interpolation_errors,
-    midpoints,
 )
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.length_family import build_over_lengths
@@ -64,7 +63,7 @@ from pgmp_petsc.reduction.tables import (
 )
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.checkpoint_folder import SharedCheckpoint
-from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
+from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
@@ -149,9 +148,6 @@ def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Compone
         return {str(arrays["body"]): BodyFile.take(file).shape}
 
 
-# From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
-# with vectors as they are
-UNEVEN = 2.0
 POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 
 
@@ -244,7 +240,7 @@ def _built(
             snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
             sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions_of(effects)))
         sampling = _Sampling(scene, sampler, group, way)
-        joined, basis = sampling.joined(store, loads, timings)
+        joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
         if scene.second_order:
             with timings.phase("second order"):
                 basis = sampling.curve(store, basis, Manifold(problem, loads, static_loads, scene.static_stretching))
@@ -268,7 +264,7 @@ def _built(
         *(() if way.checkpoint is None else way.checkpoint.remarks),
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
-        *_on_angles(scene, store.samples, basis.uneven),
+        *rounds.remarks(store.samples, basis),
         *_on_vectors(scene.reduction.parameter_modes, tables.n_modes - joined.n_kept),
     )
     return ReducedOrderModel(
@@ -312,18 +308,6 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, .
     return tuple(found)
 
 
-def _on_angles(scene: Scene, samples: SampleGrid, uneven: float) -> tuple[Remark, ...]:
-    """Return what is said of the angles that vectors of other parameter values need."""
-    why = "vectors of other parameter values (reduction.parameter_modes) turn quickly where they are small"
-    if uneven > UNEVEN:
-        return (warning(f"{why}: their size changes by {uneven:.2g} times between angles; take more reduction.angles"),)
-    if len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None:
-        (asked,) = np.broadcast_to(scene.reduction.angles, 1)
-        if uneven > 1.0 and samples.n > asked:
-            return (note(f"reduction.angles: {samples.n} in place of {asked}, as {why}"),)
-    return ()
-
-
 def _on_vectors(asked: int, found: int) -> tuple[Remark, ...]:
     """Return what is said where there are fewer vectors of other parameter values than asked for."""
     if found == asked:
@@ -346,11 +330,14 @@ class _Sampling:
     way: _Way
 
     def joined(
-        self, store: SampleStore, loads: Sequence[Load], timings: Timings
-    ) -> tuple[JoinedSamples | None, ContinuousBasis | None]:
-        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective."""
+        self, store: SampleStore, loads: Sequence[Load], acted: bool, timings: Timings
+    ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective.
+
+        `acted` says whether there are actions, whose forces static modes answer.
+        """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
-        joined, basis = None, None
+        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
         compression: Compression | None = None
         while True:
             with timings.phase("eigenproblems"), agreed(world, "eigenproblems"):
@@ -370,10 +357,11 @@ class _Sampling:
                             mechanism, store.samples, loads, joined, compression,
                             scene.nominal if scene.second_order else None,
                         )  # fmt: skip
-                refinable = self.way.samples is None
-                wanted = on_root(world, lambda: _wanted(scene, store, previous, basis, refinable))
+                        if acted:
+                            rounds.static = range(self.sampler.problem.n_modes, joined.n_kept)
+                wanted = on_root(world, lambda: rounds.wanted(store.samples, previous, basis))
             if wanted.size == 0:
-                return joined, basis
+                return joined, basis, rounds
             store.request(wanted)
 
     def _compute(self, store: SampleStore) -> None:
@@ -469,46 +457,6 @@ def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: Contin
     stiffness = np.diagonal(joined.tables["stiffness"], axis1=2, axis2=3)[..., :n_modes]
     axes = np.flatnonzero(basis.flipped.any(axis=1))
     return StiffnessChanges(influence, np.array(stiffness)).over_two_turns(samples, axes)
-
-
-def _wanted(
-    scene: Scene, store: SampleStore, previous: ContinuousBasis | None, current: ContinuousBasis | None, refinable: bool
-) -> np.ndarray:
-    """Return the configurations of the next round (first rank); none where the tolerance holds or none is given.
-
-    Without one, angles of a single coordinate are halved where vectors of other parameter values turn too quickly for
-    them, if they may be: the basis is too uneven, or interpolated matrices are indefinite at some values.
-    """
-    tolerance = scene.reduction.sampling_tolerance
-    nothing = np.empty((0, store.samples.n_coordinates))
-    if current is None:
-        return nothing
-    samples = store.samples.axes[0]
-    if tolerance is None:
-        if not refinable or store.samples.n_coordinates > 1 or 2 * samples.n > scene.reduction.max_angles:
-            return nothing
-        few = current.uneven > UNEVEN or (
-            current.uneven > 1.0
-            and indefinite_between(current.tables, scene.reduction.interpolation, *spanning_values(scene))
-        )
-        return midpoints(samples)[:, None] if few else nothing
-    if previous is None:
-        return midpoints(samples)[:, None]
-    new = np.setdiff1d(samples.theta, previous.tables.samples.axes[0].theta)
-    errors = interpolation_errors(previous, current, new, scene.nominal)
-    poor = new[errors > tolerance]
-    if samples.n > scene.reduction.max_angles and poor.size:
-        raise RunError(
-            f"reduction.sampling_tolerance = {tolerance:g}: with {samples.n} angles the tables still differ by "
-            f"{errors.max():.2g} near {new[np.argmax(errors)]:.4g} rad; raise reduction.max_angles "
-            f"({scene.reduction.max_angles}) or the tolerance"
-        )
-    # both halves of the interval that a poor sample has split
-    theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
-    left = np.searchsorted(theta, poor)
-    chosen = np.zeros(theta.size - 1, dtype=bool)
-    chosen[left - 1] = chosen[left] = True
-    return midpoints(samples, chosen)[:, None]
 
 
 def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:

@@ -63,17 +63,17 @@ def _terms(table: np.ndarray, weights: Weights) -> Terms:
 class BranchFile(Record):
     """The assembly branch of a mechanism over a grid, whose last coordinate runs fastest."""
 
-    lower: np.ndarray = attribute("@lower", "coordinate", about="first value of each coordinate, rad")
-    upper: np.ndarray = attribute("@upper", "coordinate", about="last value of each coordinate, rad")
+    lower: np.ndarray = attribute("@lower", "coordinate", about="first value of each coordinate, rad or m")
+    upper: np.ndarray = attribute("@upper", "coordinate", about="last value of each coordinate, rad or m")
     shape: np.ndarray = attribute("@shape", "coordinate", about="number of values of each, at equal distances")
     is_exact: bool = attribute("@is_exact", about="whether interpolated poses close the mechanism")
     n_redundant: int = attribute("@n_redundant", about="constraints that follow from the others")
     poses: np.ndarray = array("place", "body", "pose", unit=POSES, about="poses of the undeformed bodies")
     rates: np.ndarray = array(
-        "place", "body", "pose", "coordinate", unit=f"{POSES}; per rad", about="their derivatives with theta"
+        "place", "body", "pose", "coordinate", unit=f"{POSES}; per rad or m", about="their derivatives with theta"
     )
     curvatures: np.ndarray = array(
-        "place", "body", "pose", "coordinate", "coordinate", unit=f"{POSES}; per rad^2",
+        "place", "body", "pose", "coordinate", "coordinate", unit=f"{POSES}; per rad^2 or m^2",
         about="their second derivatives",
     )  # fmt: skip
     winding: np.ndarray = array("coordinate", "body", about="turns of bodies in a turn of a coordinate")
@@ -420,9 +420,9 @@ class ModelFile(Record):
     indefinite: str = attribute(
         "@indefinite", absent="", about="where interpolated mass or stiffness is indefinite, empty where nowhere"
     )
-    theta: np.ndarray = array("configuration", "coordinate?", unit="rad", about="sampled configurations")
-    lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range, rad")
-    upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end, rad; of a revolution no sample")
+    theta: np.ndarray = array("configuration", "coordinate?", unit="rad or m", about="sampled configurations")
+    lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range")
+    upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end; of a revolution no sample")
     periodic: np.ndarray = attribute("theta@periodic", "coordinate?", about="whether it is periodic")
     shape: np.ndarray | None = attribute(
         "theta@shape", "coordinate?", absent=None, about="of several: samples along each, the last one fastest"

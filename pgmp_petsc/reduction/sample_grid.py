@@ -56,6 +56,15 @@ class Samples:
         ideal = np.linspace(self.lower, self.upper, self.n, endpoint=not self.periodic)
         return bool(np.max(np.abs(self.theta - ideal)) <= 1e-12 * (self.upper - self.lower))
 
+    @property
+    def turns(self) -> int:
+        """How often the coordinate's range is in it: twice in that of `over_two_turns`."""
+        return round((self.upper - self.lower) / (2.0 * np.pi)) if self.periodic else 1
+
+    def in_first_turn(self, theta: float) -> float:
+        """Return the value within the coordinate's range of the same configuration."""
+        return self.lower + (theta - self.lower) % (2.0 * np.pi) if self.periodic else theta
+
     def over_two_turns(self) -> Samples:
         """Return the samples of two revolutions."""
         turn = self.upper - self.lower

@@ -141,7 +141,8 @@ def _places(problem: ModalProblem) -> np.ndarray:
 
 def _independent_columns(gram: np.ndarray) -> np.ndarray:
     """Return the numbers of the vectors that are no combination of those before them, from their products (n, n)."""
-    scale = 1.0 / np.sqrt(np.diag(gram))
+    sizes = np.diag(gram)  # none of a motion that does not bend its way, as on a rail
+    scale = 1.0 / np.sqrt(np.where(sizes > 0.0, sizes, 1.0))
     gram, chosen = gram * scale * scale[:, None], []
     for k in range(len(gram)):
         before = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], gram[chosen, k], rcond=None)[0]

@@ -349,9 +349,10 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
             worst = int(np.argmin(smallest))
             if smallest[worst] < SMALLEST:
                 where = "".join(f", {key} = {value:.4g}" for key, value in point.items())
+                at = [axis.in_first_turn(value) for axis, value in zip(samples, theta[worst])]
                 return (
-                    f"with {' x '.join(map(str, samples.shape))} angles the interpolated {name} matrix is not positive "
-                    f"definite at {', '.join(f'{value:.4g}' for value in theta[worst])} rad{where} (smallest "
+                    f"with {' x '.join(str(axis.n // axis.turns) for axis in samples)} angles the interpolated {name} "
+                    f"matrix is not positive definite at {', '.join(f'{value:.4g}' for value in at)}{where} (smallest "
                     f"eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take "
                     f"{smoother(scheme)}"
                 )

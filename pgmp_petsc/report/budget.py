@@ -7,7 +7,7 @@ What is in a result file, in one line: for a command that goes through many step
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from pgmp_petsc.report.sources import (
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
-from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, share_text
+from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
 from pgmp_petsc.runtime.errors import counted
@@ -167,8 +167,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             place = int(np.nanargmax(values))
             factor, unit = axis_unit(result.units.get(name, "1"), known)
             median = float(np.median(known))
-            largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
-            size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
+            largest = Datum(known.max(), plain(factor * known.max()), source.name, f"/errors/{name}", str(place))
+            size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest]
             size.append("" if unit == "1" else f" {unit}")
             yield Line(
                 f"model, in samples: {in_words(name)}", size, f"estimated for {known.size} of {len(values)} samples"
@@ -250,7 +250,7 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
             if s is not None and np.isfinite(s.mean_interval).all() and not s.constant:
                 half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
-                size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]
+                size = [Datum(half, f"± {plain(factor * half)}"), "" if unit == "1" else f" {unit}"]
                 how = f"{percent(s.confidence)} interval of {s.count} samples"
                 yield Line(f"sampling: mean of {in_words(name)}", size, how)
 
@@ -295,7 +295,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     runs = [source for source in sources if isinstance(source.result, Trajectory)]
     sentences: list[Sentence] = []
     for source in ensembles:
-        sentences += _of_ensemble(source, len(ensembles) > 1, error)
+        sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))
     if not sentences:
         for source in runs[:1]:
             sentences += _of_run(source)
@@ -311,7 +311,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     return sentences
 
 
-def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Iterator[Sentence]:
+def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops: bool) -> Iterator[Sentence]:
     """Yield probabilities of events; where the scene has none, the means and where most samples lie.
 
     A probability that the model does not decide has no figure that the page would print in bold.
@@ -331,7 +331,7 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
         else:
             ends = 100.0 * chance.interval
             said = f"{number_text(100.0 * chance.estimate, ends, 6)} % {interval_text(ends)}, {of}"
-            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs)}."]
+            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs, stops)}."]
             yield [f"What the samples of this model say: {said}."]
     if ensemble.probabilities:
         return
@@ -356,6 +356,12 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None) -> Ite
             f"{ahead}{words} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
         ]  # fmt: skip
+
+
+def _full_order_stops(sources: Iterable[Source]) -> bool:
+    """Return whether the full-order run of a scene stopped before its end."""
+    runs = (source.result for source in sources if isinstance(source.result, Trajectory))
+    return any(run.model == "full" and bool(run.why_stopped) for run in runs)
 
 
 def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
@@ -466,7 +472,7 @@ def _checked(source: Source) -> Iterator[str | Datum]:
         if np.isfinite(values).any():
             place = int(np.nanargmax(values))
             factor, unit = axis_unit(source.result.units.get(name, "1"), values)
-            text = f"{factor * values[place]:.2g}"
+            text = plain(factor * values[place])
             yield Datum(values[place], text, source.name, f"/errors/{name}", str(place))
             yield f"{'' if unit == '1' else f' {unit}'} ({in_words(name)})"
             yield ", "
@@ -557,7 +563,9 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
         known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
         known = f"is not known {interval_text(ends)} %" if np.isnan(chance.estimate) else known
         decided = np.isnan(chance.estimate) or chance.is_decided(of_runs)
-        parts.append(f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs)}'}")
+        parts.append(
+            f"P({chance.event}) {known if decided else f'is {chance.doubt(of_runs, _full_order_stops(sources))}'}"
+        )
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]
@@ -570,7 +578,7 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
 
 
 def _seconds(record: RunRecord) -> str:
-    return f"{sum(record.timings.values()):.3g} s"
+    return f"{plain(sum(record.timings.values()), 3)} s"
 
 
 def _remarks(record: RunRecord) -> str:

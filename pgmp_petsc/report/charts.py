@@ -20,6 +20,7 @@ from pgmp_petsc.figures.ensembles import COLOURS, pairs_of
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.sources import in_words
 from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
+from pgmp_petsc.results.numbers import with_unit
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row
@@ -112,7 +113,7 @@ class Level:
     when: str
 
 
-def _seen(event: Level | None, factor: float, unit: str, *arrays: np.ndarray) -> tuple[float | None, str]:
+def _seen(event: Level | None, unit: str, *arrays: np.ndarray) -> tuple[float | None, str]:
     """Return the level where it is within the picture, or as far beyond as the data reach; else what to say."""
     if event is None:
         return None, ""
@@ -121,8 +122,7 @@ def _seen(event: Level | None, factor: float, unit: str, *arrays: np.ndarray) ->
     room = high - low
     if low - room <= event.value <= high + room:
         return event.value, ""
-    shown = "" if unit in ("", "1") else f" {unit}"
-    return None, f"The level of {event.label}, {factor * event.value:.4g}{shown}, is far beyond this picture."
+    return None, f"The level of {event.label}, {with_unit(event.value, unit)}, is far beyond this picture."
 
 
 def output_over_time(
@@ -132,7 +132,7 @@ def output_over_time(
     arrays = [curve.values for curve in curves]
     arrays += [] if band is None else [band.quantiles, band.mean]
     factor, shown = axis_unit(unit, *arrays)
-    level, beyond = _seen(event, factor, shown, *arrays)
+    level, beyond = _seen(event, unit, *arrays)
 
     def draw(axes: Axes) -> None:
         if band is not None:
@@ -177,7 +177,7 @@ def distribution(
 ) -> Chart:
     """Return the density of a quantity with its mean, and where the samples lie that failed."""
     factor, shown = axis_unit(unit, s.edges)
-    level, beyond = _seen(event, factor, shown, s.edges)
+    level, beyond = _seen(event, unit, s.edges)
     if failed.size > MOST_MARKS:
         beyond = f"{beyond} {MOST_MARKS} of {failed.size} samples that failed are marked.".strip()
         failed = failed[np.linspace(0, failed.size - 1, MOST_MARKS).round().astype(int)]

@@ -32,6 +32,7 @@ from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, scen
 from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, truncated
+from pgmp_petsc.runtime.errors import counted
 
 # Nodes of all surfaces of a film: what a phone draws 25 times a second.
 MOST_NODES = 6000
@@ -152,7 +153,7 @@ def stress_of(run: Trajectory) -> Stress | None:
     frame, node = map(int, np.unravel_index(np.nanargmax(known[body]), known[body].shape))
     largest, plain = float(known[body][frame, node]), "von_mises" in run.fields[body].at_nodes
     path = f"/fields/{body}/at_nodes/von_mises/{number_name(frame)}" if plain else ""
-    when = f"at {run.frames.time[frame]:.4g} s, of the {len(run.frames.time)} frames kept"
+    when = f"at {run.frames.time[frame]:.4g} s, of the {counted(len(run.frames.time), 'frame')} kept"
     found = Stress(over_time, largest, body, frame, when, path, str(node) if plain else "")
     for output, of_body in _mises_outputs(run).items():
         values = np.nan_to_num(run.outputs[output])

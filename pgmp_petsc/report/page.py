@@ -42,11 +42,11 @@ from pgmp_petsc.report.sources import (
     sentence_case,
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.numbers import one_unit_each
+from pgmp_petsc.results.numbers import one_unit_each, plain
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, counted
+from pgmp_petsc.runtime.errors import InputError, counted, visible
 from pgmp_petsc.runtime.files import KINDS, replacing
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
@@ -295,12 +295,12 @@ def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
     rows = []
     for row in np.flatnonzero(chosen)[np.argsort(study.times.batch[chosen])]:
         errors = [
-            [Datum(study.errors[row, k], f"{100 * study.errors[row, k]:.2g}", source.name, "/errors", f"{row},{k}")]
+            [Datum(study.errors[row, k], plain(100 * study.errors[row, k]), source.name, "/errors", f"{row},{k}")]
             for k in range(len(study.outputs))
         ]
         clock = "processor" if study.busy else "online"
         place = f"/{clock}/batch"
-        batch = Datum(study.times.batch[row], f"{1e3 * study.times.batch[row]:.3g}", source.name, place, str(row))
+        batch = Datum(study.times.batch[row], plain(1e3 * study.times.batch[row], 3), source.name, place, str(row))
         rows.append([[study.name(row) + (" (the scene)" if row == 0 else "")], *errors, [batch]])
     head = ["setting", *(f"{in_words(name)}, %" for name in study.outputs), "a sample, ms"]
     note = study.reference or "Errors are the largest over time and test values, of the output's largest value."
@@ -377,7 +377,7 @@ def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
 
 def _cost(sources: Sequence[Source]) -> Table:
     rows = [
-        [[source.name], [phase], [Datum(seconds, f"{seconds:.3g}", source.name, f"/timings/{phase}"), " s"]]
+        [[source.name], [phase], [Datum(seconds, plain(seconds, 3), source.name, f"/timings/{phase}"), " s"]]
         for source in sources
         for phase, seconds in source.record.timings.items()
     ]
@@ -514,7 +514,7 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     about = counted(n_files, "file")
     if len(scenes) > 1:
         about += f" of {len(scenes)} scenes, each in a section of its own"
-    return [f"{output}: {about}, {size:.2g} MB", *lines]
+    return [f"{output}: {about}, {plain(size)} MB", *lines]
 
 
 def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
@@ -523,7 +523,9 @@ def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
     for result in results:
         if not isinstance(result, (Trajectory, Ensemble)):
             continue
-        known = {name: s.quantiles for name, s in result.statistics.items()} if isinstance(result, Ensemble) else {}
+        known = {}
+        if isinstance(result, Ensemble):  # sizes of parameters say nothing about those of outputs
+            known = {name: s.quantiles for name, s in result.statistics.items() if name not in result.parameters}
         for name, values in (known or result.outputs).items():
             size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
             unit = result.units.get(name, "1")
@@ -552,4 +554,4 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
     text = environment.get_template("page.html").render(
         title=title, sections=sections, lines=lines, version=__version__, css=css, script="".join(scripts)
     )
-    return re.sub(r"\n{2,}", "\n", text).lstrip()
+    return visible(re.sub(r"\n{2,}", "\n", text).lstrip())

@@ -50,7 +50,7 @@ def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
     if unit not in _PREFIXED_UNITS or not np.isfinite(largest) or largest == 0.0:
         return 1.0, unit
     of_page = _largest.get().get(unit, 0.0)
-    largest = of_page if largest >= READABLE * of_page > 0.0 else largest
+    largest = max(of_page, largest) if largest >= READABLE * of_page else largest
     # 0.3 m reads better than 300 mm, so that the prefix changes at a tenth of the unit; 150 MPa better than 0.15 GPa
     tenth = 1.0 if unit in ("N", "N m", "Pa") else 10.0
     power = int(np.floor(np.log10(largest * tenth) / 3.0 + 1e-9))

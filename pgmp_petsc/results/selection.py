@@ -43,17 +43,21 @@ class EffectSizes(Record):
     tolerance: float = attribute("effects/shares@tolerance", about="share above which an effect matters")
     sizes: tuple[EffectSize, ...] = array("effect", at="effects")
     largest_speed: dict[str, float] = attribute(
-        "effects/shares@speeds", code=JSON, about="largest speed of each coordinate, rad/s (JSON)"
+        "effects/shares@speeds", code=JSON, about="largest speed of each coordinate (JSON)"
     )
     exchanged: float = attribute("effects/shares@exchanged", unit="J", about="energy moved around")
     warnings: tuple[str, ...] = attribute(
         "effects/shares@warnings", code=(json.dumps, lambda text: tuple(json.loads(text))),
         about="what the scene leaves out that exceeds the tolerance (JSON)",
     )  # fmt: skip
+    units: dict[str, str] = attribute(
+        "effects/shares@units", code=JSON, absent={}, about="unit of each coordinate, rad where it is not said (JSON)"
+    )
 
     def lines(self) -> list[str]:
         """Return the report, line by line."""
-        speeds = ", ".join(f"{name} up to {speed:.3g} rad/s" for name, speed in self.largest_speed.items())
+        per = {name: f"{self.units.get(name, 'rad')}/s" for name in self.largest_speed}
+        speeds = ", ".join(f"{name} up to {speed:.3g} {per[name]}" for name, speed in self.largest_speed.items())
         lines = [
             f"  sizes of effects in the motion of the rigid mechanism: {speeds}; {self.exchanged:.3g} J moved around",
             f"  an effect matters from a share of {self.tolerance:g} on",

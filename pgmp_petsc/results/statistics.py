@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
+from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.runtime.files import RunRecord, take
 
 if TYPE_CHECKING:
@@ -103,16 +104,17 @@ class Chance(Record):
         """The command that decides it where the model does not."""
         return f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
 
-    def doubt(self, model_error: float = float("nan")) -> str:
-        """Return why the model does not decide it, and what does."""
+    def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
+        """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""
         error = np.fmax(self.model_error, model_error)
         why = (
-            f"too many samples are nearer to the level than its error, {100.0 * error:.3g} % of the output's largest "
-            f"value (it would take one below {100.0 * self.holds_to:.3g} %)"
+            f"too many samples are nearer to the level than its error, {share_text(error, 3)} of the output's largest "
+            f"value (it would take one below {share_text(self.holds_to, 3)})"
         )
         why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
         why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
-        return f"not decided by this model: {why}; '{self.decided_by}' decides it"
+        stops = "nor by the full-order model, whose run stops before its end"
+        return f"not decided by this model: {why}; {stops if full_order_stops else f'{self.decided_by!r} decides it'}"
 
     @property
     def of(self) -> str:

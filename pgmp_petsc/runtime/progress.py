@@ -152,7 +152,7 @@ class Lines(Progress, _Watched):
             self._next = now + EVERY
             left = 0.0 if self._total is None else self._total - done
             since, before = self._seen[0]
-            known = left > 0.0 and done - before > 0.0 and worked > since and not _waits_for
+            known = left > 0.0 and done - before > 0.0 and worked - since >= NOTED and not _waits_for
             known = known and done - self._initial >= TOLD * (self._total - self._initial)
             rest = f", about {_words((worked - since) * left / (done - before))} to go" if known else ""
             self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))

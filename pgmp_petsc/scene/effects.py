@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
-    "name"
+    "name; or a CSV file of such rows of numbers: its name, or { file, x, y } with the names of two columns"
 )
 
 
@@ -134,6 +134,11 @@ class EffectEntry(Table):
                     yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
 
     @property
+    def is_over_time(self) -> bool:
+        """Whether it is a load whose table or harmonic is over time."""
+        return False
+
+    @property
     def is_stretching(self) -> str | None:
         """How bodies follow their shortening by bending, ``static`` or ``dynamic``; None if that is not said."""
         return None
@@ -222,6 +227,16 @@ class OverTime(EffectEntry):
     cause: ClassVar[bool] = True
 
     @property
+    def is_over_time(self) -> bool:
+        """Whether its table is not over the motion of its joint."""
+        return getattr(self, "over", None) is None
+
+    @property
+    def unit_of_values(self) -> str:
+        """Unit of the values over time."""
+        return self.strength_unit
+
+    @property
     def parameters_over_time(self) -> tuple[str, ...]:
         """The parameters that values of its function of time name, each once."""
         return tuple(dict.fromkeys(value for _, value in self.values_over_time if isinstance(value, str)))
@@ -237,9 +252,9 @@ class OverTime(EffectEntry):
         """Yield the entries that may name a parameter; the factor of a table is a number, or has the table's unit."""
         for use in super().uses(entry, turns):
             is_scale = use.entry == f"{entry}.scale"
-            yield Use(use.entry, use.value, use.sign, ("1", self.strength_unit)) if is_scale else use
+            yield Use(use.entry, use.value, use.sign, ("1", self.unit_of_values)) if is_scale else use
         for key, value in self.values_over_time:
-            yield Use(f"{entry}.{key}", value, "any", (self.strength_unit,))
+            yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     @model_validator(mode="after")
     def _one_function(self) -> Self:
@@ -309,7 +324,7 @@ class Driving(EffectEntry):
 
     @property
     def fastest(self) -> tuple[str, float, tuple[float, ...]]:
-        """The entry that says how fast it becomes, how fast (rad/s), and the entry's value if that is the speed."""
+        """The entry that says how fast it becomes, how fast, and the entry's value if that is the speed."""
         raise NotImplementedError
 
     def motion(self, name: str) -> Any:

@@ -354,19 +354,28 @@ def _times_increase(table: Rows) -> Rows:
     return table
 
 
+class _OrFile:
+    """A note on a table, for editors: a file's name, or one with the names of two columns, stands for its rows."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        columns = {key: {"type": "string"} for key in ("file", "x", "y")}
+        in_file = {"type": "object", "properties": columns, "required": ["file"], "additionalProperties": False}
+        return {"anyOf": [handler(schema), {"type": "string"}, in_file]}
+
+
 #: Rows [time (s), value] with increasing times.
-TimeTable = Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS]
+TimeTable = Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, _OrFile()]
 #: Rows [time (s), value] of a load, whose values may be parameters.
-LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase)]
+LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), _OrFile()]
 
 
 class Harmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a coordinate."""
 
-    amplitude: Annotated[Number, _OF_MOTIONS] = Field(description="amplitude (rad)")
+    amplitude: Annotated[Number, _OF_MOTIONS] = Field(description="amplitude (rad or m)")
     frequency_hz: Annotated[Number, _OF_MOTIONS] = Field(gt=0.0, description="frequency (Hz)")
     phase: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="phase at time 0 (rad)")
-    mean: Annotated[Number, _OF_MOTIONS] = Field(0.0, description="mean value (rad)")
+    mean: Annotated[Number, _OF_MOTIONS] = Field(0.0, description="mean value (rad or m)")
 
 
 class LoadHarmonic(Table):
@@ -381,13 +390,13 @@ class LoadHarmonic(Table):
 class SpinUp(Table):
     """From rest to a constant speed without a jump of the acceleration (Simo and Vu-Quoc 1986, section 5)."""
 
-    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed at the end (rad/s)")
+    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed at the end (rad/s or m/s)")
     time: Annotated[Number, _OF_MOTIONS] = Field(gt=0.0, description="time it takes (s)")
-    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle at time 0 (rad)")
+    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle (rad) or displacement (m) at time 0")
 
 
 class ConstantSpeed(Table):
-    """A rotation at constant speed."""
+    """A motion at constant speed."""
 
-    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed (rad/s)")
-    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle at time 0 (rad)")
+    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed (rad/s or m/s)")
+    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle (rad) or displacement (m) at time 0")

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
-from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, refusal
+from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, exactly_one, refusal
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -62,6 +62,8 @@ class JointEntry(Table):
     #: Motions that it leaves free and that are measured: ``turning`` about its first axis, ``sliding`` along it, or
     #: ``spin`` about several axes.
     motions: ClassVar[tuple[str, ...]] = ()
+    #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
+    also_in_plane: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
     @classmethod
@@ -71,7 +73,7 @@ class JointEntry(Table):
         dimensions = getattr(cls, "dimensions", ())
         if not dimensions or not {*dimensions} <= {2, 3}:
             raise refuse(cls, "a joint says where it can be: dimensions = (2, 3), in the plane and in space, or one")
-        if not {*cls.motions} <= {*MOTIONS}:
+        if not {*cls.motions, *cls.also_in_plane} <= {*MOTIONS}:
             raise refuse(cls, f"motions that a joint leaves free are {', '.join(MOTIONS)}")
         if cls.statements is JointEntry.statements:
             raise refuse(cls, "a joint has the method statements(self, in_a, in_b), which returns what it holds")
@@ -89,9 +91,21 @@ class JointEntry(Table):
         found = handler(schema)
         where = " and ".join({2: "in the plane", 3: "in space"}[d] for d in cls.dimensions)
         free = f"; {' and '.join(cls.motions)} can be acted on and measured" if {*cls.motions} & {*MEASURED} else ""
+        free += f", in the plane {' and '.join(cls.also_in_plane)} too" if cls.also_in_plane else ""
         of = handler.resolve_ref_schema(found)
         of["description"] = f"{of['description']} {where.capitalize()}{free}."
         return found
+
+    @classmethod
+    def motions_in(cls, dimension: int) -> tuple[str, ...]:
+        """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
+        return cls.motions + (cls.also_in_plane if dimension == 2 else ())
+
+    def motion_of(self, said: str | None, allowed: Sequence[str], dimension: int) -> str | None:
+        """Return the one of the allowed motions that an entry means that says one, or none; None where it has to."""
+        free = [one for one in self.motions if one in allowed]
+        free = free or [one for one in self.motions_in(dimension) if one in allowed]
+        return said or (free[0] if len(free) == 1 else None)
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
@@ -133,18 +147,33 @@ Joint = Annotated[JointEntry, Found(JOINTS)]
 def joints_with(*motions: str, dimension: int) -> tuple[type[JointEntry], ...]:
     """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
     kinds = (kind for kind in JOINTS.found() if dimension in kind.dimensions)
-    return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions))
+    return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions_in(dimension)))
 
 
 class Coordinate(Table):
-    """A rigid coordinate: the angle of a joint that turns over a range of configurations."""
+    """A rigid coordinate: a motion that a joint leaves free, or the distance of two points, over a range."""
 
-    joint: str = Field(description="name of a joint that turns; its relative rotation is the coordinate")
-    range: Interval = Field(
-        description="first and last angle (rad); zero is where the frames of both bodies point the same way, in space "
-        "where the bodies are as placed"
+    joint: str | None = Field(None, description="name of a joint that turns or slides; its motion is the coordinate")
+    motion: Literal["turning", "sliding"] | None = Field(
+        None, description="which motion of the joint; needed where it has both"
     )
-    periodic: bool = Field(False, strict=True, description="whether the range closes on itself (it is then 2 pi long)")
+    points: Connection | None = Field(
+        None, description='in place of a joint: two points, "body:point" or "ground:point", whose distance it is'
+    )
+    range: Interval = Field(
+        description="first and last angle (rad), displacement or distance (m); an angle is zero where the frames of "
+        "both bodies point the same way, in space where the bodies are as placed, a displacement where the points meet"
+    )
+    periodic: bool = Field(
+        False, strict=True, description="whether the range of an angle closes on itself (it is then 2 pi long)"
+    )
+
+    @model_validator(mode="after")
+    def _of_one(self) -> Self:
+        exactly_one(self, "joint", "points")
+        if self.points is not None and self.motion is not None:
+            raise refusal("a distance has one motion; leave it out", "motion")
+        return self
 
     @model_validator(mode="after")
     def _period_is_a_revolution(self) -> Self:

@@ -17,7 +17,7 @@ import math
 import os
 import stat
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.units import convert_parameters
 
 MOST_BYTES = 16_000_000  # of a scene's file
+MOST_ROWS = 100_000  # of a table in a file: every result keeps the scene with them
 LONGEST_TEXT = 10_000  # characters
 SHOWN_KEYS = 4  # of a path that is too deep
 
@@ -133,19 +134,8 @@ def _read_law(law: object, entry: str, directory: Path) -> None:
 
 def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
     """Return the numbers of a file, one a line, behind a name in the first line or none."""
-    try:
-        path = directory / name
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
-            raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(problem(entry, "no text file in UTF-8", name)) from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        sought = f"it is sought in {directory}"
-        raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
     numbers: list[float] = []
-    for line, row in enumerate(text.splitlines(), 1):
+    for line, row in enumerate(_text_of(name, entry, directory).splitlines(), 1):
         cell = row.strip().strip('"')
         if not cell:
             continue
@@ -158,6 +148,92 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
                 problem(entry, f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line", name)
             ) from error
     return numbers
+
+
+def _text_of(name: str, entry: str, directory: Path) -> str:
+    """Return the text of a file of numbers."""
+    try:
+        path = directory / name
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            raise InputError(problem(entry, f"the file has more than {MOST_BYTES:,} bytes; take fewer values", name))
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(problem(entry, "no text file in UTF-8", name)) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        sought = f"it is sought in {directory}"
+        raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
+
+
+def _read_tables(data: dict[str, Any], directory: Path) -> None:
+    """Put the rows of files in the place of their names, in the tables of effects."""
+    effects = data.get("effects")
+    for name, effect in (effects if isinstance(effects, dict) else {}).items():
+        given = effect.get("table") if isinstance(effect, dict) else None
+        if isinstance(given, (str, dict)):
+            effect["table"] = _rows_of(given, f"{dotted_name(('effects', name))}.table", directory)
+
+
+def _rows_of(given: str | dict[str, Any], entry: str, directory: Path) -> list[list[float]]:
+    """Return the rows [x, y] of a CSV file: of two columns, or of those that are named."""
+    asked = {"file": given} if isinstance(given, str) else given
+    names = [asked.get(key) for key in ("x", "y")]
+    texts = [asked.get("file"), *(name for name in names if name is not None)]
+    if not {*asked} <= {"file", "x", "y"} or not all(isinstance(one, str) for one in texts) or names.count(None) == 1:
+        needed = 'rows, the name of a CSV file of two columns, or { file = "NAME.csv", x = "COLUMN", y = "COLUMN" }'
+        raise InputError(problem(entry, f"needed are {needed}", given))
+    rows: list[list[float]] = []
+    places, begun = (0, 1), False
+    for line, cells in _cells_of(asked["file"], entry, directory):
+        is_first, begun = not begun, True
+        if is_first and names[0] is not None:
+            missing = next((name for name in names if name not in cells), None)
+            if missing is not None:
+                hint = nearest_name(missing, cells)
+                raise InputError(problem(entry, f"there is no column '{missing}' in its first line{hint}", given))
+            places = tuple(map(cells.index, names))
+            continue
+        if names[0] is None and len(cells) != 2:
+            words = f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}"
+            raise InputError(problem(entry, words, given))
+        row = [_number_in(cells, place) for place in places]
+        if is_first and not any(map(_is_number, cells)):
+            continue  # the names of the columns
+        if None in row:
+            shown = shortened(", ".join(cells), 40)
+            raise InputError(problem(entry, f"line {line} is '{shown}'; two finite numbers are needed", given))
+        if rows and not rows[-1][0] < row[0]:
+            words = f"line {line}: {row[0]:g} follows {rows[-1][0]:g}; the first column must increase"
+            raise InputError(problem(entry, words, given))
+        rows.append(row)
+        if len(rows) > MOST_ROWS:
+            raise InputError(problem(entry, f"has more than {MOST_ROWS:,} rows; take fewer", given))
+    if not rows:
+        raise InputError(problem(entry, "there are no numbers in the file", given))
+    return rows
+
+
+def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the lines of a file that are not empty, by their numbers, as cells between commas."""
+    for line, row in enumerate(_text_of(name, entry, directory).splitlines(), 1):
+        if not row.strip():
+            continue
+        if "," not in row and (";" in row or "\t" in row):
+            words = f"line {line}: columns are separated by commas, and numbers have points"
+            raise InputError(problem(entry, f"{words}; this one is '{shortened(row.strip(), 40)}'", name))
+        yield line, [cell.strip().strip('"') for cell in row.split(",")]
+
+
+def _number_in(cells: Sequence[str], place: int) -> float | None:
+    """Return a cell as a finite number; None where it is none."""
+    return float(cells[place]) if place < len(cells) and _is_number(cells[place]) else None
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return math.isfinite(float(cell))
+    except ValueError:
+        return False
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
@@ -203,6 +279,7 @@ def scene_to_toml(scene: Scene) -> str:
 def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], settings: Sequence[str]) -> Scene:
     apply_overrides(data, overrides)
     check_tables(data)
+    _read_tables(data, directory)
     add_field_parameters(data)
     parameters = data.get("parameters")
     for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
@@ -213,7 +290,7 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     try:
         return Scene.model_validate(data, context={"directory": directory, "units": given})
     except ValidationError as error:
-        raise explain(error, Scene) from error
+        raise explain(error, Scene, given) from error
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:

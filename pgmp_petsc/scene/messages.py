@@ -76,9 +76,22 @@ def dotted_name(keys: Sequence[str | int]) -> str:
     return name
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> InputError:
-    """Turn what pydantic says about tables read as a `model` into messages for the author of the scene."""
-    return input_error([_explain(details, model) for details in error.errors(include_url=False)])
+def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str]) -> InputError:
+    """Turn what pydantic says about tables read as a `model` into messages for the author of the scene.
+
+    Parameters
+    ----------
+    units
+        Units of parameters that were converted.
+    """
+    problems = []
+    for details in error.errors(include_url=False):
+        table, name, *_ = *details["loc"], "", ""
+        text = _explain(details, model)
+        if table == "parameters" and name in units and details["type"] == "refusal" and re.search(r"\d", text):
+            text += f" (in SI units; the scene's are in {units[name]})"
+        problems.append(text)
+    return input_error(problems)
 
 
 def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:

@@ -62,7 +62,7 @@ class Reduction(Table):
         description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` "
         "is then the number to begin with; needs interpolation = spline",
     )
-    max_angles: Angles = Field(2000, ge=4, description="where adaptive sampling gives up")
+    max_angles: Angles = Field(2000, ge=4, description="most angles that a build takes by itself")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     spring_modes: bool = Field(
         True,
@@ -121,9 +121,9 @@ class InitialState(Table):
             "displacements, and the turns of angles, count from one place for all samples; run once for each position "
             "(--override), or start from one place with a velocity, which may be a parameter"
         ),
-    ] = Field(0.0, description="angle at the start (rad)")
+    ] = Field(0.0, description="angle (rad) or displacement (m) at the start")
     velocity: NumberOrParameter = Field(
-        0.0, description="angular velocity at the start (rad/s), a number or a parameter's name"
+        0.0, description="velocity at the start (rad/s or m/s), a number or a parameter's name"
     )
 
 

@@ -511,7 +511,7 @@ def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
 
 OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
 LEAST_SHARE = 0.1  # of the nominal value, of a parameter that must be positive and may be as small as 0
-BESIDE = 1.25  # a value that is given with --set over the nominal one, or under it
+BESIDE = 2.0  # a value that is given with --set over the nominal one, or under it
 MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
 
 

@@ -38,13 +38,14 @@ from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import joints_with
+from pgmp_petsc.scene.joints import MEASURED, joints_with
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
-from pgmp_petsc.scene.uses import Use, ordered_ends, uses_of
+from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body
+    from pgmp_petsc.scene.joints import Coordinate
     from pgmp_petsc.scene.schema import Scene
 
 
@@ -59,7 +60,7 @@ def effect_problems(scene: Scene) -> Iterator[str]:
         if effect.joints and effect.joint is not None:
             fitting = joints_with(*effect.joints, dimension=scene.dimension)
             yield from joint_problems(scene, f"{entry}.joint", effect.joint, fitting)
-            yield from motion_problems(scene, entry, effect)
+            yield from motion_problems(scene, entry, effect, effect.joints)
         for key, ground_allowed in (("point", False), ("towards", True)):
             point = getattr(effect, key, None)
             if point is not None:
@@ -90,17 +91,23 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
         )
 
 
-def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
-    """Yield a line if the motion of a joint with several is not said, or that of another one is."""
+def motion_problems(
+    scene: Scene, entry: str, on_joint: Any, allowed: tuple[str, ...] = MEASURED, all_said: bool = False
+) -> Iterator[str]:
+    """Yield a line if the motion of a joint with several is not said, or one that it has not is.
+
+    With `all_said` that of a joint is to be said too that has another one in the plane alone.
+    """
     joint, motion = scene.joints.get(on_joint.joint), getattr(on_joint, "motion", None)
-    several = joint is not None and len(joint.motions) > 1
-    if several and motion is None and "motion" in type(on_joint).model_fields:
-        needed = " or ".join(f'"{one}"' for one in joint.motions)
+    if joint is None or "motion" not in type(on_joint).model_fields:
+        return
+    free = [one for one in joint.motions_in(scene.dimension) if one in allowed]
+    needed = " or ".join(f'"{one}"' for one in free)
+    meant = None if all_said and len(free) > 1 else joint.motion_of(None, allowed, scene.dimension)
+    if motion is None and len(free) > 1 and meant is None:
         yield problem(f"{entry}.motion", f"missing; {on_joint.joint} is {joint.type}: {needed} is needed")
-    elif motion is not None and not several:
-        kinds = (kind.model_fields["type"].annotation.__args__[0] for kind in JOINTS.found() if len(kind.motions) > 1)
-        words = f"for {', '.join(kinds)} joints; others have one motion; leave it out"
-        yield problem(f"{entry}.motion", words, motion)
+    elif motion is not None and free and motion not in free:
+        yield problem(f"{entry}.motion", f"{on_joint.joint} is {joint.type}: allowed is {needed}", motion)
 
 
 def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:
@@ -346,7 +353,7 @@ def points_used(scene: Scene, body: str) -> dict[str, str]:
     addresses: list[tuple[str, str]] = []
     for name, joint in scene.joints.items():
         addresses += [(address, f"joints.{name}.connect") for address in joint.connect]
-    for table in ("effects", "outputs"):
+    for table in ("coordinates", "effects", "outputs"):
         for name, entry in getattr(scene, table).items():
             for key in ("point", "points", "towards"):
                 value = getattr(entry, key, None)
@@ -416,10 +423,21 @@ def _joints(scene: Scene) -> Iterator[str]:
 
 
 def _coordinates(scene: Scene) -> Iterator[str]:
-    taken: dict[str, str] = {}
+    taken: dict[tuple[str, bool], str] = {}
     for name, coordinate in scene.coordinates.items():
-        entry = f"coordinates.{name}.joint"
         low, high = coordinate.range
+        if coordinate.points is not None:
+            found = list(points_problems(scene, f"coordinates.{name}.points", coordinate.points))
+        else:
+            found = list(_joint_of_coordinate(scene, name, coordinate, taken))
+        yield from found
+        if slides(scene, coordinate):
+            if coordinate.periodic and not found:
+                yield problem(f"coordinates.{name}.periodic", "for angles; what slides has two ends", True)
+            elif coordinate.points is not None and low <= 0.0:
+                words = "a distance is positive, and has no direction where it is zero"
+                yield problem(f"coordinates.{name}.range", words, list(coordinate.range))
+            continue
         turns = f"{(high - low) / (2 * math.pi):.4g} turns"
         if high - low >= FEW_TURNS and low % DEGREES == 0.0 == high % DEGREES:
             inside = ", ".join(f"{math.radians(end):.5g}" for end in (low, high))
@@ -437,15 +455,20 @@ def _coordinates(scene: Scene) -> Iterator[str]:
                 "periodic = true",
                 list(coordinate.range),
             )
-        fitting = joints_with("turning", dimension=scene.dimension)
-        yield from joint_problems(scene, entry, coordinate.joint, fitting)
-        if coordinate.joint in taken:
-            yield problem(
-                entry,
-                f"coordinates.{taken[coordinate.joint]} has the same joint; each joint may serve one coordinate",
-                coordinate.joint,
-            )
-        taken.setdefault(coordinate.joint, name)
+
+
+def _joint_of_coordinate(
+    scene: Scene, name: str, coordinate: Coordinate, taken: dict[tuple[str, bool], str]
+) -> Iterator[str]:
+    """Yield a line if a coordinate's joint does not have its motion, or another one has the same."""
+    entry, key = f"coordinates.{name}", (coordinate.joint, slides(scene, coordinate))
+    fitting = joints_with(*MEASURED, dimension=scene.dimension)
+    yield from joint_problems(scene, f"{entry}.joint", coordinate.joint, fitting)
+    yield from motion_problems(scene, entry, coordinate, all_said=True)
+    if key in taken:
+        words = f"coordinates.{taken[key]} has the same joint and motion; each motion may serve one coordinate"
+        yield problem(f"{entry}.joint", words, coordinate.joint)
+    taken.setdefault(key, name)
 
 
 def _outputs(scene: Scene) -> Iterator[str]:
@@ -457,7 +480,7 @@ def _outputs(scene: Scene) -> Iterator[str]:
         if output.joints and output.joint is not None:
             fitting = joints_with(*output.joints, dimension=scene.dimension)
             yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, fitting)
-            yield from motion_problems(scene, f"outputs.{name}", output)
+            yield from motion_problems(scene, f"outputs.{name}", output, output.joints)
         if getattr(output, "points", None) is not None:
             yield from points_problems(scene, f"outputs.{name}.points", output.points)
         if getattr(output, "point", None) is not None:

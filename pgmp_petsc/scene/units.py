@@ -113,7 +113,7 @@ def unit_problems(scene: Scene, given: Mapping[str, str]) -> Iterator[str]:
     """
     uses: dict[str, list[Use]] = {name: [] for name in scene.parameters}
     for use in uses_of(scene):
-        if use.parameter in uses:
+        if use.parameter in uses and use.units:  # what is in a formula may have any
             uses[use.parameter].append(use)
     for name, parameter in scene.parameters.items():
         unit, allowed = given.get(name, parameter.unit), _allowed(uses[name])

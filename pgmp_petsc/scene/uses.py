@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.scene.fields import Sign
+from pgmp_petsc.scene.joints import MEASURED
 from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ class Use:
     entry: str  # dotted name
     value: float | str  # what it holds
     sign: Sign  # which numbers make sense
-    #: what it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
+    #: what it is in, any of them; "1" is without a unit, none is any unit. The factor of a table is without one, or has
+    #: the table's.
     units: tuple[str, ...]
 
     @property
@@ -81,7 +83,9 @@ def uses_of(scene: Scene) -> Iterator[Use]:
             sign = "positive" if body.flexible else sign
             yield Use(f"bodies.{name}.section.{key}", getattr(body.section, key), sign, unit.turning)
     for coordinate, name in velocity_names(scene).items():
-        yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", ("rad/s",))
+        of = scene.coordinates.get(coordinate)
+        unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
+        yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
@@ -103,8 +107,10 @@ def slides(scene: Scene, entry: Any) -> bool:
     if getattr(entry, "points", None) is not None or getattr(entry, "point", None) is not None:
         return True
     joint = scene.joints.get(getattr(entry, "joint", None))
-    motions = () if joint is None else joint.motions
-    return getattr(entry, "motion", None) == "sliding" if len(motions) > 1 else motions == ("sliding",)
+    if joint is None:
+        return False
+    allowed = getattr(entry, "joints", MEASURED)
+    return joint.motion_of(getattr(entry, "motion", None), allowed, scene.dimension) == "sliding"
 
 
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file

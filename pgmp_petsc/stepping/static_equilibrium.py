@@ -21,6 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
 from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
@@ -31,10 +32,10 @@ MAX_CORRECTIONS = 60  # forces that turn with a body have no exact tangent: the 
 LONGEST = 0.2  # of a correction or a step, in units of the mechanism's size or of 1 rad
 TOLERANCE = 1e-12  # of the last correction, in the same units
 ROUND_OFF = 1e-8  # of a correction that no longer becomes smaller
-DIFFERENCE = 1e-5  # rad
+DIFFERENCE = 1e-5  # rad, or of the mechanism's size
 MAX_STEPS = 400
 TRAVEL = 4.5 * np.pi  # rad; every equilibrium of a periodic coordinate lies within a turn
-STILL = 1e-10  # rad that a torque moves a coordinate within the run: less is none
+STILL = 1e-10  # rad, or share of the size, that a torque moves a coordinate within the run: less is none
 
 
 class Statics(Protocol):
@@ -78,7 +79,7 @@ class Settled:
     unknowns: np.ndarray  # of the model, a column a sample
     reasons: dict[int, str]  # why a sample has no equilibrium, by its number
     unstable: np.ndarray  # mask of the samples whose equilibrium is unstable
-    names: tuple[str, ...]  # of the coordinates
+    coordinates: tuple[Coordinate, ...]  # all of them
     free: bool  # whether any coordinate was free
 
     @property
@@ -106,11 +107,17 @@ class Search:
     """Which coordinates are free, and how far they may go."""
 
     free: tuple[int, ...]  # their numbers
-    names: tuple[str, ...]  # of all coordinates
-    #: lower, upper: range of all coordinates, without bounds for periodic ones, each of shape (n_theta,), rad
+    coordinates: tuple[Coordinate, ...]  # all of them
+    #: lower, upper: range of all coordinates, without bounds for periodic ones, each of shape (n_theta,)
     lower: np.ndarray
     upper: np.ndarray
     duration: float  # of the run, s: what does not move within it is at rest
+    size: float  # of the mechanism, m
+
+    @property
+    def scales(self) -> np.ndarray:
+        """What changes of the free coordinates are measured in, 1 rad or the size, shape (n_free,)."""
+        return np.array([self.coordinates[k].scale(self.size) for k in self.free])
 
 
 def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
@@ -122,15 +129,16 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     _note(reasons, lost, _no_deformation(statics, search, theta))
     unstable = np.zeros(statics.n_samples, dtype=bool)
     if not free:
-        return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
-    inertia, origin = statics.inertia()[:, free], theta.copy()
+        return Settled(theta, statics.unknowns(), reasons, unstable, search.coordinates, bool(free))
+    scales, origin = search.scales, theta.copy()
+    inertia = statics.inertia()[:, free] * scales**2
     active, limit = everyone & ~lost, np.full(statics.n_samples, LONGEST)
     last, before = np.full(statics.n_samples, np.inf), np.zeros((statics.n_samples, len(free)))
     for _ in range(MAX_STEPS):
-        slopes, lost = _slopes(statics, theta, torques, free, active)
+        slopes, lost = _slopes(statics, theta, torques, free, scales, active)
         _note(reasons, active & lost, _no_deformation(statics, search, theta))
         active &= ~lost
-        step, definite = _downhill(slopes, torques[:, free], inertia / search.duration**2)
+        step, definite = _downhill(slopes, torques[:, free] * scales, inertia / search.duration**2)
         turned = np.sum(step * before, axis=1) < 0.0
         limit = np.where(turned, 0.5 * limit, np.minimum(LONGEST, 1.5 * limit))
         size = np.max(np.abs(step), axis=1)
@@ -141,7 +149,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
             break
         step = step * np.minimum(1.0, limit / np.maximum(size, 1e-300))[:, None] * active[:, None]
         before, last = np.where(active[:, None], step, before), np.where(active, size, last)
-        theta[:, free] += step
+        theta[:, free] += step * scales
         away = _out_of_reach(search, theta, origin)
         _note(reasons, active & away, _nowhere(search, theta, origin, torques))
         theta[active & away] = origin[active & away]
@@ -152,7 +160,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     _note(reasons, active, _nowhere(search, theta, origin, torques))
     _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
     _note(reasons, lost, _no_deformation(statics, search, theta))
-    return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
+    return Settled(theta, statics.unknowns(), reasons, unstable, search.coordinates, bool(free))
 
 
 def put_on(
@@ -212,17 +220,19 @@ def settled_in(size: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def _slopes(
-    statics: Statics, theta: np.ndarray, torques: np.ndarray, free: Sequence[int], active: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``- df / dtheta`` of the free coordinates, shape (n_samples, n_free, n_free), and the samples lost."""
+    statics: Statics, theta: np.ndarray, torques: np.ndarray, free: Sequence[int], scales: np.ndarray,
+    active: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return ``- df / dtheta`` of the free coordinates in units of `scales`, shape (n_samples, n_free, n_free), and the
+    samples lost."""
     slopes = np.zeros((statics.n_samples, len(free), len(free)))
     failed = np.zeros(statics.n_samples, dtype=bool)
     for column, k in enumerate(free):
         moved = theta.copy()
-        moved[:, k] += DIFFERENCE
+        moved[:, k] += DIFFERENCE * scales[column]
         changed, lost = statics.hold(moved, active)
         failed |= lost
-        slopes[:, :, column] = -(changed - torques)[:, free] / DIFFERENCE
+        slopes[:, :, column] = -((changed - torques)[:, free] * scales) / DIFFERENCE
     return slopes, failed & active
 
 
@@ -250,8 +260,9 @@ def _downhill(slopes: np.ndarray, torques: np.ndarray, still: np.ndarray) -> tup
 
 def _out_of_reach(search: Search, theta: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the samples that left the range, or went round without coming to rest."""
+    turns = [coordinate.turns for coordinate in search.coordinates]
     outside = np.any((theta < search.lower) | (theta > search.upper), axis=1)
-    return outside | np.any(np.abs(theta - origin) > TRAVEL, axis=1)
+    return outside | np.any((np.abs(theta - origin) > TRAVEL) & turns, axis=1)
 
 
 def _note(reasons: dict[int, str], samples: np.ndarray, explain) -> None:
@@ -263,8 +274,8 @@ def _note(reasons: dict[int, str], samples: np.ndarray, explain) -> None:
 def _no_deformation(statics: Statics, search: Search, theta: np.ndarray):
     def explain(sample: int) -> str:
         return (
-            f"initial.equilibrium = true: the static deformation at {_places(search, theta[sample])} was not found: "
-            f"{statics.cause(sample)}"
+            f"initial.equilibrium = true: the static deformation at {words_of(search.coordinates, theta[sample])} was "
+            f"not found: {statics.cause(sample)}"
         )
 
     return explain
@@ -281,18 +292,16 @@ def cause_of(share: float) -> str:
 
 def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.ndarray):
     def explain(sample: int) -> str:
-        left = ", ".join(f"{torques[sample, k]:.3g} N m on {search.names[k]}" for k in search.free)
+        free = ((torques[sample, k], search.coordinates[k]) for k in search.free)
+        left = ", ".join(f"{torque:.3g} {'N m' if c.turns else 'N'} on {c.name}" for torque, c in free)
+        first, last = (words_of(search.coordinates, where[sample]) for where in (origin, theta))
         return (
-            f'initial.coordinates = "free": from {_places(search, origin[sample])} the loads at time zero pull the '
-            f"mechanism to no static equilibrium; at {_places(search, theta[sample])} they leave {left}. Give what "
+            f'initial.coordinates = "free": from {first} the loads at time zero pull the '
+            f"mechanism to no static equilibrium; at {last} they leave {left}. Give what "
             'holds it against them, another start in simulation.initial, or take coordinates = "held"'
         )
 
     return explain
-
-
-def _places(search: Search, theta: np.ndarray) -> str:
-    return ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(search.names, theta))
 
 
 ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
@@ -313,7 +322,7 @@ def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]
     settled = system.settled
     if settled is None:
         return ()
-    places = ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(settled.names, settled.theta[0]))
+    places = words_of(settled.coordinates, settled.theta[0])
     if not settled.free:
         return (note(f"the run starts from static deformation with coordinates held at {places}{_let_go(scene)}"),)
     remarks = [note(f"the run starts from static equilibrium at {places}")]

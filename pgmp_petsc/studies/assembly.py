@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models.model import start_of
@@ -55,5 +55,5 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
         for connection in mechanism.connections
         if connection.name in scene.joints
     }
-    where = ", ".join(f"{c.name} = {value:.4g} rad" for c, value in zip(mechanism.coordinates, theta))
+    where = words_of(mechanism.coordinates, theta, 4)
     return Assembly(scene.name, where, frames, joints, points)

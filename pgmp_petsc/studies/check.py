@@ -70,7 +70,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     ]
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
-        lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
+        ends = f"{coordinate.lower:.6g} to {coordinate.upper:.6g} {coordinate.unit}"
+        lines.append(f"  coordinate    {coordinate.name}: {ends}, {kind}")
     lines += _start(scene, effects, loads, kinematics)
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
@@ -278,7 +279,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         "joints": {name: {"type": joint.type, "connect": list(joint.connect)} for name, joint in scene.joints.items()},
         "coordinates": {
             coordinate.name: {
-                "unit": "rad",
+                "unit": coordinate.unit,
                 "range": [coordinate.lower, coordinate.upper],
                 "periodic": coordinate.periodic,
                 "prescribed": coordinate.prescribed,

@@ -92,7 +92,7 @@ def estimate_effects(
     sizes += _unnamed(scene, run, exchanged, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
-    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes, tolerance)))
+    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes, tolerance)), run.units)
 
 
 def remarks_on_sizes(
@@ -199,6 +199,7 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     load_weights = evaluate_weights([load.weight for load in loads], scene.values)
     mass_weights = evaluate_weights(mechanism.mass_weights, scene.values)
     instants = _instants(run, kinematics)
+    scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
     with ModalProblem(kinematics, scene.values, 1, alone(), matrices) as problem:
         turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
@@ -209,8 +210,8 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             rigid = modes.rigid
             centripetal = np.einsum("ikl,k,l->i", modes.rigid_curvature, speed, speed)
             m_rigid = problem.times_mass(rigid)
-            by_speed.append(m_rigid.T @ centripetal)
-            by_acceleration.append(m_rigid.T @ rigid @ acceleration)
+            by_speed.append(scales * (m_rigid.T @ centripetal))
+            by_acceleration.append(scales * (m_rigid.T @ rigid @ acceleration))
             amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
             i, j = np.tril_indices(speed.size)
             moving = np.concatenate([acceleration, np.where(i == j, 1.0, 2.0) * speed[i] * speed[j]])

@@ -18,6 +18,7 @@ from scipy.linalg import LinAlgError, eigh
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
@@ -38,7 +39,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     number
         From 1, rigid motion left out.
     at
-        Coordinates of the configuration, rad; where not given those at the start.
+        Coordinates of the configuration, rad or m; where not given those at the start.
     """
     mechanism, theta = model.kinematics.mechanism, _configuration(model, at)
     frequencies, vectors = _modes(model, theta)
@@ -59,7 +60,7 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     fields = {
         name: _field(model, field, poses[field.number], own[name] / largest) for name, field in seen.points.items()
     }
-    where = ", ".join(f"{c.name} = {value:.4g} rad" for c, value in zip(mechanism.coordinates, theta))
+    where = words_of(mechanism.coordinates, theta, 4)
     return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, _left_out(model, seen))
 
 
@@ -77,11 +78,13 @@ def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
     if unknown:
         raise InputError(f"--at {unknown[0]}: no such coordinate; those of this model are {', '.join(names)}")
     theta = np.array([at.get(name, start) for name, start in zip(names, model.start[0])])
-    for axis, name, value in zip(model.rom.tables.samples.axes, names, theta):
+    for axis, coordinate, value in zip(model.rom.tables.samples.axes, model.kinematics.coordinates, theta):
+        name, unit = coordinate.name, coordinate.unit
         if abs(value) > MOST_RADIANS:
-            raise InputError(f"--at {name}={value:g}: allowed are angles up to {MOST_RADIANS:g} rad")
+            raise InputError(f"--at {name}={value:g}: allowed is up to {MOST_RADIANS:g} {unit}")
         if not axis.contains(value):
-            raise InputError(f"--at {name}={value:g}: outside the sampled range [{axis.lower:g}, {axis.upper:g}] rad")
+            ends = f"[{axis.lower:g}, {axis.upper:g}] {unit}"
+            raise InputError(f"--at {name}={value:g}: outside the sampled range {ends}")
     return theta
 
 

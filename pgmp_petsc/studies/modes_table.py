@@ -27,7 +27,7 @@ from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.effects.springs import linear_springs, spring_remarks
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
@@ -187,7 +187,7 @@ def _tabulated(
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=full,
         reduced_hz=reduced,
-        coordinate_units={coordinate.name: "rad" for coordinate in coordinates},
+        coordinate_units={c.name: c.unit for c in coordinates},
     )
 
 
@@ -230,7 +230,7 @@ def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coor
     if not growing.size:
         return ()
     worst = growing[np.argmin(full_hz[growing, 0])]
-    where = ", ".join(f"{c.name} = {value:.4g} rad" for c, value in zip(coordinates, theta[worst]))
+    where = words_of(coordinates, theta[worst], 4)
     return (
         warning(
             f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs: negative "

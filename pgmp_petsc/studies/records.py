@@ -11,6 +11,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.stepping.energies import Energies, joined
 from pgmp_petsc.stepping.second_order_system import State
 
@@ -105,9 +106,5 @@ class FullRecord:
         kinematics = self._model.kinematics
         if kinematics.mechanism.space is SPATIAL:
             return every[0, SPATIAL.n_pose :]
-        still = np.zeros(every.shape[-1])
-        angles = [
-            [still if side.on_ground else every[side.node, 2] for side in coordinate.connection.sides]
-            for coordinate in kinematics.coordinates
-        ]
-        return np.array([b - a for a, b in angles])
+        readings = [Reading.of_coordinate(coordinate, kinematics) for coordinate in kinematics.coordinates]
+        return np.array([one.value({node: every[node] for node in one.nodes}) for one in readings])

@@ -38,7 +38,8 @@ class RigidRun:
     """Motion of the rigid mechanism."""
 
     time: np.ndarray  # shape (n_t,), s
-    #: theta, speed, acceleration: coordinates and their derivatives, shape (n_t, n_theta), rad, rad/s, rad/s2
+    units: dict[str, str]  # of the coordinates, by their names
+    #: theta, speed, acceleration: coordinates and their derivatives, shape (n_t, n_theta), rad or m
     theta: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
@@ -67,9 +68,9 @@ def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKi
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)
     given = count_steps(scene.simulation.duration, scene.simulation.step)
-    n_steps = min(FEW_STEPS, given)
+    n_steps, turns = min(FEW_STEPS, given), np.array([1.0 / c.scale(kinematics.size) for c in kinematics.coordinates])
     status, found = _run(model, n_steps)
-    needed = min(MAX_STEPS, given, _needed(found, n_steps) if status is None else MAX_STEPS)
+    needed = min(MAX_STEPS, given, _needed(found, n_steps, turns) if status is None else MAX_STEPS)
     if needed > n_steps:
         status, found = _run(model, needed)
     if status is not None:
@@ -99,9 +100,10 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     return (None if status == Status.FINE else status), found
 
 
-def _needed(run: RigidRun, n_steps: int) -> int:
-    """Return how many steps, `n_steps` doubled, resolve turns and changes of speed of a run that had `n_steps`."""
-    turned = np.max(np.abs(np.diff(run.theta, axis=0)))
+def _needed(run: RigidRun, n_steps: int, turns: np.ndarray) -> int:
+    """Return how many steps, `n_steps` doubled, resolve turns and changes of speed of a run that had
+    `n_steps`; one unit of each coordinate counts `turns`, rad."""
+    turned = np.max(np.abs(np.diff(run.theta, axis=0)) * turns)
     fastest = np.max(np.abs(run.speed), axis=0)
     changed = np.max(np.abs(np.diff(run.speed, axis=0)) / np.where(fastest > 0.0, fastest, 1.0))
     doublings = np.ceil(np.log2(max(turned, changed, RESOLVED) / RESOLVED))
@@ -143,8 +145,8 @@ def _collect(
         return along_v, along_a + rows.drift(q, v)[0]
 
     coordinates = mechanism.coordinates
-    theta = np.array([Reading.of_angle(c.connection, model.kinematics).value(frames) for c in coordinates])
-    moving = np.array([rates(c.connection.angle, c.connection.sides) for c in coordinates])
+    theta = np.array([Reading.of_coordinate(c, model.kinematics).value(frames) for c in coordinates])
+    moving = np.array([rates(c.statement, c.sides) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:
         name, entry = connection.name, model.scene.joints.get(connection.name)  # welded masses have none
@@ -160,7 +162,8 @@ def _collect(
         heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
         total += mass
     balance = balance_of(time, joined(energies))
-    return RigidRun(time, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+    units = {c.name: c.unit for c in coordinates}
+    return RigidRun(time, units, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
 
 
 def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray:

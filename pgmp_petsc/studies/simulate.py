@@ -27,6 +27,7 @@ from pgmp_petsc.estimates.own_error import (
 )
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
+from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduced.energy import least_stiffness
 from pgmp_petsc.reduction.tables import smoother
@@ -260,7 +261,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     largest = {name: float(np.max(np.abs(values))) for name, values in part.outputs.items()}
     errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
     return errors, [
-        *large_errors(*errors.of_one_run(), model.name),
+        *large_errors(*errors.of_one_run(), model.outputs.units, model.name),
         *step_remarks(model, part.time, part.outputs, other, found),
     ]
 
@@ -306,7 +307,11 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         errors = _errors(estimate, part.outputs)
-        remarks += [*steps, *large_errors(*errors.of_one_run()), *not_estimated(errors, model.scene)]
+        remarks += [
+            *steps,
+            *large_errors(*errors.of_one_run(), model.outputs.units),
+            *not_estimated(errors, model.scene),
+        ]
         remarks += [*few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
@@ -364,7 +369,7 @@ def _described(
         "time": part.time,
         "outputs": part.outputs,
         "units": model.outputs.units,
-        "coordinate_units": {coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
+        "coordinate_units": {c.name: c.unit for c in model.kinematics.coordinates},
         "frames": stored if part.shown else None,
         "status": int(part.run.status[0]),
         "steps_divided": part.attempt.divisor,
@@ -412,7 +417,7 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
     unsound = np.isnan(share)
     if unsound.any():
         first = eta[looked_at][np.argmax(unsound)]
-        where = ", ".join(f"{c.name} = {angle:.4g} rad" for c, angle in zip(model.kinematics.coordinates, first))
+        where = words_of(model.kinematics.coordinates, first, 4)
         return (
             f"the stiffness at rest, interpolated between sampled angles, is not positive definite at {where}; build "
             f"with {smoother(model.scene.reduction.interpolation)}"

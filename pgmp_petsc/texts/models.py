@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results.estimates import OF_STEP
-from pgmp_petsc.results.numbers import axis_unit, plain, share_text
+from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, plain, share_text, sizes_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -29,7 +29,10 @@ NOTHING = 1e-6  # of a mode's highest frequency
 def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
+    length = 0.0 if trajectory.frames is None else trajectory.frames.extent
+    sizes = sizes_of(trajectory.outputs, trajectory.units, length)
     for name, values in trajectory.outputs.items():
+        values = np.where(np.abs(values) <= ROUND_OFF * sizes[name], 0.0, values)
         factor, unit = axis_unit(trajectory.units[name], values)
         lines.append(f"  {name:24s}{factor * values[-1]:16.8g} {unit}")
     lines += of_run(trajectory)

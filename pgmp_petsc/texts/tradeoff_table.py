@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import plain, share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
@@ -55,10 +55,10 @@ def _table(study: Tradeoff) -> list[str]:
     for row in shown_rows(study):
         marks = ["*" if on_front else " " for on_front in front[row]]
         known = zip(study.errors[row], marks)
-        errors = [f"{100 * error:.2g}{mark}" if np.isfinite(error) else "- " for error, mark in known]
+        errors = [f"{plain(100 * error)}{mark}" if np.isfinite(error) else "- " for error, mark in known]
         times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
         own = ">" if row == 0 else ""
-        body.append([own, study.name(row), *errors, *(f"{value:.3g}" for value in times)])
+        body.append([own, study.name(row), *errors, *(plain(value, 3) for value in times)])
     widths = [max(len(line[column]) for line in [header, *body]) for column in range(len(header))]
     aligned = [
         "  ".join(

@@ -20,7 +20,7 @@ from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.components.large_deformation import with_second_order
+from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
 from pgmp_petsc.reduction.build import BuildCheckpoint
 from pgmp_petsc.runtime.groups import RankGroup
 
@@ -54,6 +54,18 @@ def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) ->
         )
     for order in ((0, 2, 1), (1, 0, 2), (2, 1, 0)):
         np.testing.assert_array_equal(third.transpose(order), third)
+
+
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
+def test_of_few_vectors_it_is_what_it_is_of_all_fields(kind: str) -> None:
+    solid, frames, points = rod(kind, two_materials=True)
+    _, recovery = of_second_order(solid, frames, points, 3)
+    terms = FieldsOnCells.everywhere(solid, recovery.reshape(solid.mesh.n_nodes, solid.mesh.dimension, -1)).third()
+    whole = np.tensordot(evaluate_weights(terms, points[0]), np.array(list(terms.values())), 1)
+    vectors = np.random.default_rng(4).normal(size=(recovery.shape[1], 3))
+    found = FieldsOnRanks(solid, recovery, MPI.COMM_SELF).third_with(vectors, points[0])
+    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
+    np.testing.assert_allclose(found, contraction_of(whole)(vectors), rtol=0, atol=1e-12 * np.abs(found).max())
 
 
 def test_terms_of_two_materials_are_affine() -> None:

@@ -127,6 +127,8 @@ def test_what_varies_by_round_off_is_constant() -> None:
             assert found.std == 0.0 and np.ptp(found.quantiles) == 0.0
             np.testing.assert_array_equal(found.std_interval, [0.0, 0.0])
     assert not describe(outputs["angle"], 10, PROBABILITIES).constant  # of nothing else is known how large it is
+    alone = Peaks({"across": outputs["across"]}, {}, {}).sizes(units, np.ones(200, dtype=bool), length=0.3)
+    assert is_constant(outputs["across"], alone["across"])  # beside the mechanism
     assert of_given(outputs["same"], {"a": noise, "b": noise[::-1]}, 0.95) is None
 
 

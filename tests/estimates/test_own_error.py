@@ -48,6 +48,8 @@ def test_errors_of_full_order_samples_are_the_steps_and_not_cured_by_full_order_
 def test_figures_are_told_from_a_share_of_their_size_on() -> None:
     (said,) = of_figures([("a", 2.0, 1.0, 2.0), ("b", 2.0, 1.99, 2.0)])
     assert said.kind == "warning" and "a: 2, about 1 without" in said.text and "b:" not in said.text
+    (said,) = of_figures([("a", 8e-3, 8e-3 + 1e-9, 1e-9)])  # no more digits than tell both apart
+    assert "a: 0.008, about 0.008000001 without" in said.text
     (said,) = of_figures([("b", 2.0, 1.99, 2.0), ("idle", 0.0, 0.0, 0.0)], "the standard errors")
     assert said.kind == "note" and "up to 0.5 % of the standard errors" in said.text
 

@@ -93,7 +93,8 @@ joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[1, 2, 
 joints.slider={type='spherical', connect=['ground:origin', 'rod:tip'], axis=[0, 0, 1]} -> \
     joints.slider.axis = [0, 0, 1]: unknown key (allowed: connect, type)
 joints.elbow.type='hinge' -> = "hinge": unknown
-coordinates.theta.joint='slider' -> = "slider": a | revolute joint is needed, this one is a point_on_line
+coordinates.theta.joint='slider' -> coordinates.theta.periodic = true: for angles; what slides has two ends
+coordinates.theta.motion='sliding' -> = "sliding": crank_hinge is revolute: allowed is "turning"
 ground.points.a=[1, 2] -> = [1.0, 2.0]: three numbers (x, y, z) are needed in space
 joints.slider.direction=[1, 2] -> = [1.0, 2.0]: three numbers (x, y, z) are needed in space
 bodies.crank.placement={origin=[1, 2]} -> bodies.crank.placement.origin = [1.0, 2.0]: three numbers (x, y, z) are needed
@@ -116,8 +117,8 @@ MOUNT[[1, 0, 0], [0, 0, 0]]} -> effects.mount.reference[1] = [0, 0, 0]: a direct
 MOUNT[[1, 0, 0], [0, 1, 0]], turning_stiffness=[1.0]} -> effects.mount.turning_stiffness = [1.0]: 3 numbers, one for
 effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], reference=[[1, 0, 0], [0, 1, 0]]} -> \
     = { type = "bushing", points = ["crank:tip", "rod:tip"], r ...: at least one of stiffness, damping
-effects.more={type='joint_damping', joint='slider', coefficient=1.0, motion='sliding'} -> \
-    effects.more.motion = "sliding": for cylindrical joints; others have one motion; leave it out
+effects.more={type='joint_damping', joint='slider', coefficient=1.0, motion='turning'} -> \
+    effects.more.motion = "turning": slider is point_on_line: allowed is "sliding"
 outputs.tilt={type='rotation', point='rod:tip'} -> outputs.tilt.type = "rotation": a rotation in space is no single
 """,
 }

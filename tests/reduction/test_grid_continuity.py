@@ -142,8 +142,8 @@ def test_a_mode_that_meets_one_that_is_not_kept_cannot_be_followed() -> None:
             GridBasis.of(neighbours, np.eye(1))
 
 
-def test_a_static_answer_that_cannot_be_followed_is_told_from_modes() -> None:
-    """A mode keeps apart; the answer beside it changes its sign around a configuration, whatever the grid."""
+def test_modes_that_can_be_followed_are_told_from_the_answer_or_mode_that_cannot() -> None:
+    """A mode keeps apart; what is beside it changes its sign around a configuration, whatever the grid."""
 
     def answered(first: float, second: float) -> np.ndarray:
         across, along = np.cos(first + 0.1) + np.cos(second + 0.1), np.sin(first + 0.1)
@@ -156,6 +156,8 @@ def test_a_static_answer_that_cannot_be_followed_is_told_from_modes() -> None:
         alone = neighbours.of_first(1)
         np.testing.assert_array_equal(alone.overlaps, neighbours.overlaps[..., :1, :1])
         assert GridBasis.of(alone, np.eye(1)).cosines.min() > 0.5
+        with pytest.raises(RunError, match="cannot be followed .*; with reduction.modes = 1 they can"):
+            GridBasis.of(neighbours, np.eye(2))
         beside = replace(neighbours, eigenvalues=neighbours.eigenvalues[:, :1])
         with pytest.raises(RunError, match=r"static answers .* though its 1 mode.s. alone can.*reduction.spring_modes"):
             GridBasis.of(beside, np.eye(2))

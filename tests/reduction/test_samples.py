@@ -60,3 +60,12 @@ def test_what_lies_in_a_range() -> None:
     for value, inside in zip(theta, limited.contains(theta)):
         assert limited.contains(float(value)) == inside
         assert periodic.contains(float(value))
+
+
+def test_a_place_is_told_within_the_coordinates_range() -> None:
+    """Bases that come back with other signs are tabulated over two turns, which the scene does not know of."""
+    two = Samples.uniform(-1.0, 2.0 * np.pi - 1.0, 16, periodic=True).over_two_turns()
+    assert (two.n // two.turns, two.turns) == (16, 2)
+    assert two.in_first_turn(10.8) == pytest.approx(10.8 - 2.0 * np.pi) and two.in_first_turn(-0.5) == -0.5
+    limited = Samples.uniform(0.0, 9.0, 4, periodic=False)
+    assert limited.turns == 1 and limited.in_first_turn(8.0) == 8.0

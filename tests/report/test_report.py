@@ -18,11 +18,12 @@ import synthetic
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
-from pgmp_petsc.report.charts import Level, distribution
-from pgmp_petsc.report.page import downloads_of, write_report
+from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
+from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
+from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError, note, warning
 from pgmp_petsc.runtime.files import write_file
@@ -140,7 +141,8 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
     # the better run stopped half-way: what it measured is of that half, and nothing else is known
     full = with_event(synthetic.trajectory("full"))
     half = {name: values[:500] for name, values in full.outputs.items()}
-    replace(full, time=full.time[:500], outputs=half, coordinates=full.coordinates[:500]).write(tmp_path / "full.h5")
+    full = replace(full, time=full.time[:500], outputs=half, coordinates=full.coordinates[:500])
+    full.write(tmp_path / "full.h5")
     with_event(replace(synthetic.trajectory("reduced"), errors=None)).write(tmp_path / "reduced.h5")
     runs = [tmp_path / f"{name}.h5" for name in ("reduced", "full")]
     for error, decided in ((np.nan, False), (0.7, True)):
@@ -148,6 +150,11 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
         replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
         said = headline_of_ensemble(tmp_path / "many.h5", *runs)
         assert ("= 5.26 % [1, 20]" in said) == decided == ("its error is not known" not in said), said
+    # nor do samples of a model that stops say more
+    of_stopped = replace(full.record, remarks=(warning("full simulation stopped"), *full.record.remarks))
+    replace(full, status=1, record=of_stopped).write(tmp_path / "full.h5")
+    replace(found, probabilities={"late": replace(late, holds_to=0.8, model_error=np.nan)}).write(tmp_path / "many.h5")
+    assert "known; nor by the full-order model, whose run stops" in headline_of_ensemble(tmp_path / "many.h5", *runs)
     chance = replace(late, model_error=2.0, holds_to=1.0, n_failed=3)
     replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
     said = headline_of_ensemble(tmp_path / "many.h5")
@@ -223,6 +230,19 @@ def test_texts_of_files_are_no_markup(folder: Path) -> None:
     assert words(next(tree.iter("h1"))) == "x<script>alert(1)</script>"
     assert all("alert" not in words(script) for script in tree.iter("script"))
     assert "no picture of the mechanism" in words(tree) and "no probabilities and no intervals" in words(tree)
+    named = folder / "\x1b[31m\r\x9b.h5"
+    named.write_bytes((folder / "other.h5").read_bytes())
+    write_report([named], folder / "other.html")
+    page = (folder / "other.html").read_bytes().decode()
+    assert "\\x1b[31m\\x0d\\x9b.h5" in page and not set(page) & set("\x1b\r\x9b")
+
+
+def test_sizes_of_parameters_do_not_choose_the_units_of_outputs(tmp_path: Path) -> None:
+    """A radius of 5.6 m would have made a thousandth of it, the largest deformation, 0.0002 m."""
+    drawn = synthetic.described()
+    quantities = replace(drawn.statistics["r1"], quantiles=1e3 * drawn.statistics["r1"].quantiles)
+    sizes = _largest_of_units([replace(drawn, statistics=drawn.statistics | {"r1": quantities})])
+    assert sizes["m"] == np.abs(drawn.statistics["slider_deformation"].quantiles).max()
 
 
 def test_scenes_have_sections_of_their_own(folder: Path) -> None:
@@ -371,6 +391,10 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     verdict = words(next(with_class(tree, "verdict")))
     assert re.search(r"Estimated model error at most [\d.]+ rad \(crank angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
+    with one_unit_each({"m": 1e-9}):  # the prefix of what is drawn is none for a level far beyond
+        far = output_over_time("x", "m", [Curve("run", "full", np.arange(3), 1e-9 * np.arange(3))], None, "full",
+                               Level("far", 1.15e-3, True, "ever"))  # fmt: skip
+    assert far.caption == "The level of far, 1.15 mm, is far beyond this picture." and far.unit == "nm"
 
 
 def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:

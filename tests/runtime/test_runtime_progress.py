@@ -119,6 +119,15 @@ def test_long_work_says_how_far_it_is() -> None:
     assert clock.lines()[-1] == "full samples: 1000 of 1000, 100 s", "the log says that it came to its end"
 
 
+def test_a_rate_of_less_than_a_moment_says_nothing_about_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pgmp_petsc.runtime.progress._beats", [Beat(io.StringIO(), clock := Clock(now=94.0))])
+    clock.now = 100.0
+    with Lines(64, "samples", clock.stream, clock=clock) as bar:
+        clock.now += 0.3
+        bar.update()
+    assert clock.lines() == ["samples: 1 of 64, 0 s"]
+
+
 def test_a_search_says_what_is_done_and_not_how_much_is_left() -> None:
     clock = Clock()
     with Lines(None, "comparisons", clock.stream, clock=clock) as count:

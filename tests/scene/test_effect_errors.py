@@ -63,7 +63,7 @@ effects.e={type="prescribed_motion", coordinate="theta", spin_up={speed=1, time=
     effects.e.spin_up.time = 0: must be greater than 0.0
 effects.e={type="gravty"} -> effects.e.type = "gravty": unknown; did you mean 'gravity'?
 effects.e={type="gravity", axceleration=9} -> effects.e.axceleration = 9: unknown key; did you mean 'acceleration'?
-effects.e={type="torque", joint="slider", WAVE} -> effects.e.joint = "slider": a revolute joint is needed, this one is a
+effects.e={type="torque", joint="slidr", WAVE} -> effects.e.joint = "slidr": there is no such
 effects.e={type="joint_damping", joint="weld", coefficient=1} -> effects.e.joint = "weld": a point_on_line or revolute
 effects.e={type="joint_friction", joint="slidr", limit=1, speed=1} -> effects.e.joint = "slidr": there is no such
 effects.e={type="end_stop", joint="elbo", stiffness=1, lower=1} -> effects.e.joint = "elbo": there is no such
@@ -184,7 +184,7 @@ def test_more_ratios_than_a_body_has_modes() -> None:
 
 
 # one of each kind: a place, a contradiction, a name, half of two, a body
-WORDS = ('"torque", joint="slider"', 'effects.f={type="torque"', "gravty", "mode_inertia", '"crank"]}')
+WORDS = ('"torque", joint="slidr"', 'effects.f={type="torque"', "gravty", "mode_inertia", '"crank"]}')
 OF_COMMANDS = [next(case for case in CASES if word in case[0]) for word in WORDS]
 
 

@@ -39,6 +39,8 @@ def test_the_resolved_scene_is_in_si_units() -> None:
 
 def test_set_is_in_si_units() -> None:
     assert load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5e-3"]).values["r1"] == 5e-3
+    with pytest.raises(InputError, match=r"= 5.0: .* \[0.001, 0.012\] \(in SI units; the scene's are in mm\)$"):
+        load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5"])
 
 
 def test_shape_parameters_have_no_unit() -> None:

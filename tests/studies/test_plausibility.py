@@ -138,7 +138,7 @@ WARNED = {
         SCENE, ['reduction.stretching="static"', "reduction.second_order=false"], "reduction.stretching",
         "reduction.second_order is false",),
     "most angles of nothing": (
-        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is neither"
+        SCENE, ["reduction.max_angles=99", "reduction.parameter_modes=0"], "reduction.max_angles", "as there is no"
     ),  # fmt: skip
     "points of no lengths": (SCENE, ["reduction.length_points=4"], "reduction.length_points", "no parameter is a leng"),
     "replicates of random samples": (SCENE, ["ensemble.replicates=16"], "ensemble.replicates", 'it is for "sobol"'),
@@ -329,6 +329,8 @@ def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> No
         assert float(said.split("the first mode of the mechanism has ")[1].split(" ")[0]) == pytest.approx(
             expected, rel=0.02
         )
+        scene, _ = read_scene(SCENE, [*blade, f"effects={{{effects}}}"], [], MPI.COMM_SELF, Purpose.CHECK)
+        assert said in [remark.text for remark in plausibility(scene)]  # of a reduced model, which has no meshes
 
 
 def test_outputs_of_a_scene_in_other_units_have_these() -> None:

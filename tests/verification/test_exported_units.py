@@ -298,7 +298,7 @@ def test_names_with_hyphens(slider_crank, tmp_path, version) -> None:
         key: {f"{name}-1": value for name, value in getattr(found, key).items()}
         for key in ("parameters", "served", "strengths", "outputs", "output_units", "strength_units", "parameter_units")
     }
-    weights = replace(found, name="slider-crank", coordinate_names=["theta-1"], **renamed)
+    weights = replace(found, name="slider-crank", coordinate_units={"theta-1": "rad"}, **renamed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(source, "_weigh", lambda constants: _weigh(found))
         write_fmu(weights, tmp_path / "m.fmu", version)

@@ -20,6 +20,7 @@ from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.reduction.angles import TARGET
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
@@ -76,23 +77,32 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
     for name, exact in reference.outputs.items():
         largest = np.max(np.abs(exact))
-        # 48 angles and three modes leave 3.5 % of the rod's axial force where nothing is missed, at the nominal radius
-        assert np.max(np.abs(found.outputs[name] - exact)) < 0.05 * largest, name
-        assert np.max(np.abs(ended[name] - exact[-1])) < 0.05 * largest, name
+        assert np.max(np.abs(found.outputs[name] - exact)) < TARGET * largest, name
+        assert np.max(np.abs(ended[name] - exact[-1])) < TARGET * largest, name
     for name in ("crank_force", "crank_shear", "rod_force"):
         exact = reference.outputs[name]
         assert np.max(np.abs(worse.outputs[name] - exact)) > 3.0 * np.max(np.abs(found.outputs[name] - exact)), name
 
 
 def test_what_is_left_at_the_nominal_parameters_is_interpolation_over_the_angles() -> None:
-    """Axial forces are 2.9 and 1.7 % of their largest values off with 48 angles, 0.38 and 0.14 % with 96."""
+    """Axial forces are 2.9 and 1.7 % of their largest values off with 48 angles, 0.38 and 0.14 % with 96: a build
+    takes as many as bring them below a percent by its own estimate, and says where it may not."""
     late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
     changed = (*FORCES[:2], late, "effects.weight.acceleration=1e-9", "simulation.duration=0.25")
-    coarse, fine = (reduced_model(numbered(0.7, *changed, f"reduction.angles={n}")) for n in (48, 96))
+    coarse, fine = (reduced_model(numbered(0.7, *changed, f"reduction.max_angles={n}")) for n in (48, 96))
+    free = reduced_model(numbered(0.7, *changed))
     reference = run(full_model(coarse.scene)).outputs
     for name in ("rod_force", "crank_force"):
-        worse, better = (np.max(np.abs(run(one).outputs[name] - reference[name])) for one in (coarse, fine))
-        assert better < min(0.006 * np.max(np.abs(reference[name])), worse / 5.0), name
+        largest = np.max(np.abs(reference[name]))
+        left = [np.max(np.abs(run(one).outputs[name] - reference[name])) / largest for one in (coarse, fine, free)]
+        assert left[0] > TARGET > 1.6 * left[1] and left[1] < left[0] / 5.0, name
+        assert left[2] < 0.1 * TARGET, name
+    assert [one.rom.tables.samples.n for one in (coarse, fine, free)] == [48, 96, 192]
+    said = [[remark.text for remark in one.rom.record.remarks] for one in (coarse, fine, free)]
+    assert "rod_force 6.99 %, crank_force 5.91 %; raise reduction.max_angles (48)" in said[0][0]
+    assert said[2] == [
+        "reduction.angles: 192 in place of 48, as stress outputs change quickly between them: rod_force, crank_force"
+    ]
 
 
 def test_nothing_is_missed_at_the_nominal_parameters() -> None:
@@ -173,12 +183,12 @@ def test_the_answers_are_kept_with_the_model_and_count_for_its_identity(tmp_path
 def test_a_rare_event_says_what_the_models_error_does_to_it() -> None:
     event = Event(output="rod_force", when="end", above=8.0)
     found, worse = (
-        run_rare_event(one, event, 500, 1, MPI.COMM_SELF) for one in (mechanism(), without_answers(mechanism()))
+        run_rare_event(one, event, 1000, 1, MPI.COMM_SELF) for one in (mechanism(), without_answers(mechanism()))
     )
     said = [[r.text for r in one.record.remarks if "of the probability" in r.text or "own error" in r.text]
             for one in (found, worse)]  # fmt: skip
     assert said[0][0].startswith("errors of the reduced model are estimated at up to ")
     assert said[1][0].startswith("the reduced model's own error is a good part of the probability: ")
     without = float(said[1][0].split("about ")[1].split()[0])
-    # towards the better model's, by the estimate of one level's shift, which may go twice as far
-    assert 0.0 < np.log(without / worse.estimate) / np.log(found.estimate / worse.estimate) < 2.5
+    # measured 0.02 to 0.12 with four seeds; samples of both are off by 4 % each
+    assert abs(np.log(without / found.estimate)) < 0.25 * abs(np.log(worse.estimate / found.estimate))

@@ -7,7 +7,7 @@
 
 #include "tables.h"
 
-#define REACH 0.05 /* rad beyond a limited range, to which deformations are evaluated */
+#define REACH 0.05 /* rad, or of the size, beyond a limited range, to which deformations are evaluated */
 
 /* The frame of a point, from those of the nodes. */
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame) {
@@ -62,7 +62,8 @@ static double deformation(const struct output *o, const struct frame nodes[], co
         const struct axis *axis = branch_axes + k;
         double upper = axis->lower + axis->n_cells * axis->step;
         measured[k] = measure(coordinates + k, nodes, theta);
-        if (!axis->periodic && !(measured[k] >= axis->lower - REACH && measured[k] <= upper + REACH)) return NAN;
+        double reach = IS_LENGTH(coordinates[k].kind) ? REACH * SIZE : REACH;
+        if (!axis->periodic && !(measured[k] >= axis->lower - reach && measured[k] <= upper + reach)) return NAN;
     }
     place_bodies(measured, bodies);
     attach(point, nodes, &frame);

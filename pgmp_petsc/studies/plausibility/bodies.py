@@ -42,15 +42,17 @@ class Size:
 
 def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     """Return the proportions of bodies whose mesh is given, and of all straight beams."""
-    sizes = {}
-    for name, body in scene.bodies.items():
-        mesh = meshes.get(name)
-        if mesh is None and body.line is not None:
-            mesh = straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
-        if mesh is not None:
-            of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}[type(mesh)]
-            sizes[name] = of(scene, name, mesh)
-    return sizes
+    of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}
+    return {name: of[type(mesh)](scene, name, mesh) for name, mesh in _with_lines(scene, meshes).items()}
+
+
+def _with_lines(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, BodyShape]:
+    """Return meshes that are given, with those of straight beams, which the scene has."""
+    lines = {name: body.line for name, body in scene.bodies.items() if name not in meshes and body.line is not None}
+    return dict(meshes) | {
+        name: straight_beam(scene.number(line.length), line.elements, line.start, scene.bodies[name].dimension)
+        for name, line in lines.items()
+    }
 
 
 def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
@@ -63,6 +65,7 @@ def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | No
     from pgmp_petsc.models.model import start_of
     from pgmp_petsc.modes.problem import ModalProblem
 
+    meshes = _with_lines(scene, meshes)
     if set(meshes) != set(scene.bodies) or any(body.continuum for body in scene.bodies.values()):
         return None
     try:

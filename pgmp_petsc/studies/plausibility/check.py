@@ -24,9 +24,9 @@ from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
-from pgmp_petsc.scene.references import DEGREES
+from pgmp_petsc.scene.references import DEGREES, stressed_bodies
 from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
-from pgmp_petsc.scene.uses import length_names, uses_of
+from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
     body_findings,
@@ -35,7 +35,7 @@ from pgmp_petsc.studies.plausibility.bodies import (
     matrix_findings,
     sizes_of,
 )
-from pgmp_petsc.studies.plausibility.loads import load_findings, motion_findings, stop_findings
+from pgmp_petsc.studies.plausibility.loads import formula_findings, load_findings, motion_findings, stop_findings
 
 SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
@@ -69,7 +69,8 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     )
     refused = [finding.text for finding in findings if finding.refused]
     if not refused:  # the mechanism of a scene with sense can be put together
-        stops = list(stop_findings(scene, meshes))
+        stops = list(stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0)))
+        stops += formula_findings(scene, meshes)
         refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
     if refused:
         raise input_error(refused)
@@ -115,6 +116,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         yield from _steps(scene, sizes, first)
     for name, coordinate in scene.coordinates.items():
         low, high = coordinate.range
+        if slides(scene, coordinate):
+            continue
         if high - low < SMALL_RANGE:
             yield doubt(
                 f"coordinates.{name}.range",
@@ -195,8 +198,9 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
     chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
     if reduction.stretching == "static" and not reduction.second_order and not chosen:
         yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
-    if _is_set(reduction, "max_angles") and reduction.sampling_tolerance is None and not reduction.parameter_modes:
-        why = "without effect, as there is neither reduction.sampling_tolerance nor parameter_modes"
+    adds_angles = reduction.sampling_tolerance is not None or reduction.parameter_modes or stressed_bodies(scene)
+    if _is_set(reduction, "max_angles") and not adds_angles:
+        why = "without effect, as there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
         yield doubt("reduction.max_angles", why, reduction.max_angles)
     if _is_set(reduction, "length_points") and not length_names(scene):
         why = "without effect, as no parameter is a length or a place"

@@ -12,11 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.models.model import start_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
@@ -25,6 +30,7 @@ from pgmp_petsc.scene.unit_systems import SI, UnitSystem
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
+FORCES = ("N", "N m")  # units of loads that accelerate a mass, or turn it
 FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
@@ -42,11 +48,11 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        if isinstance(effect, OverTime):
+        if effect.is_over_time:
             for part in parts_of(name, effect).values():
                 yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)
-                if whole:
+                if whole and part.strength_unit in FORCES:
                     yield from _speed(scene, entry, part, mass, length, system)
             continue
         yield from _nothing(scene, entry, effect)
@@ -175,20 +181,24 @@ def _step_given(scene: Scene) -> bool:
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
 
-def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+def stop_findings(
+    scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
+) -> Iterator[Finding]:
     """Yield stops that are violated at the start.
 
     Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
-    Raises `InputError` if it cannot be.
+    Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
     """
-    coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
+    coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics = None
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
-        if effect.joint in coordinates:
-            start, deepest, unit = scene.initial_state(coordinates[effect.joint]).position, DEEPEST, "rad"
+        slid = slides(scene, effect)
+        if (effect.joint, slid) in coordinates:
+            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
+            deepest = DEEPEST * (size if slid else 1.0)
         elif meshes is None or driven:
             continue
         else:
@@ -213,12 +223,45 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
 def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
     """Return the angle or displacement of a joint at the start, and its unit."""
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
-    mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
-    place = joint_measure(mechanism, effect)
-    frames, space = [place[side].frame_of_pose(poses) for side in "ab"], mechanism.space
-    if slides(scene, effect):
-        return float(place["statement"].value(*map(space.natural, frames))), "m"
-    return float(space.angle(place["statement"], *frames)), "rad"
+    place = joint_measure(kinematics.mechanism, effect)
+    value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
+    return value, "m" if slides(scene, effect) else "rad"
+
+
+def _value(
+    kinematics: RigidKinematics, statement: Statement, sides: tuple[Attachment, Attachment], theta: np.ndarray
+) -> float:
+    """Return a statement at a configuration (n_theta,)."""
+    space, poses = kinematics.mechanism.space, kinematics.poses(theta[None])[..., 0]
+    frames = [side.frame_of_pose(poses) for side in sides]
+    if statement.kind == ANGLE:
+        return float(space.angle(statement, *frames))
+    return float(statement.value(*map(space.natural, frames)))
+
+
+MOMENT = 1e-6  # s, or less where coordinates are fast: over it the rate of a measure is a difference
+
+
+def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+    """Yield formulas that have no value at the start. Raises `InputError` if the mechanism cannot be assembled."""
+    named = {name: effect for name, effect in scene.effects.items() if isinstance(effect, FormulaEffect)}
+    if not named or meshes is None:
+        return
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    theta, rates = start_of(scene, kinematics.mechanism)
+    moment = MOMENT / max(1.0, np.max(np.abs(rates)))
+    for name, effect in named.items():
+        for action in effect.forces(name, kinematics.mechanism).actions():
+
+            def at(time: float, action: Action = action) -> float:
+                return _value(kinematics, action.statement, action.sides, theta + time * rates)
+
+            s = float(theta[action.coordinate]) if action.coordinate >= 0 else at(0.0)
+            v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
+            why = not_finite(action, s, v, scene.values)
+            if why:
+                where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
+                yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
 
 
 MANY_TURNS = 1e3 * 2 * math.pi  # rad
@@ -231,13 +274,16 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
     for name, state in scene.simulation.initial.items():
         entry = f"simulation.initial.{name}"
         where, velocity = named(scene, f"{entry}.velocity", state.velocity)
-        yield from _fast(where, velocity / clock, length, velocity)
-        if abs(state.position) > MANY_TURNS:
+        slid = name in scene.coordinates and slides(scene, scene.coordinates[name])
+        yield from _fast(where, velocity / clock, system.length if slid else length, slid, velocity)
+        if abs(state.position) > MANY_TURNS and not slid:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
         if isinstance(effect, Driving):
             key, speed, received = effect.fastest
-            yield from _fast(f"effects.{name}.{key}", speed / clock, length, *received)
+            moved = scene.coordinates.get(effect.coordinate)
+            slid = moved is not None and slides(scene, moved)
+            yield from _fast(f"effects.{name}.{key}", speed / clock, system.length if slid else length, slid, *received)
             yield from _out_of_range(scene, name, effect)
 
 
@@ -250,18 +296,21 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
+        unit = "m" if slides(scene, coordinate) else "rad"
         yield doubt(
             f"effects.{name}",
-            f"moves {effect.coordinate} to {furthest:.6g} rad, beyond coordinates.{effect.coordinate}.range = "
+            f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond coordinates.{effect.coordinate}.range = "
             f"[{low:g}, {high:g}], where reduced runs end; widen the range, or move less",
         )
 
 
-def _fast(entry: str, speed: float, length: float, *received: float) -> Iterator[Finding]:
-    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip."""
-    tip = abs(speed) * length
-    words = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
+def _fast(entry: str, speed: float, length: float, slid: bool, *received: float) -> Iterator[Finding]:
+    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip; where it slides
+    its speed is in units of the length."""
+    tip, unit = abs(speed) * length, "m/s" if slid else "rad/s"
+    turned = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
+    words = f"it slides at {tip:.3g} m/s" if slid else turned
     if tip > LIGHT:
         yield refusal(entry, f"{words}, faster than light", *received)
     elif tip > FAST:
-        yield doubt(entry, f"{words}; speeds are in rad/s", *received)
+        yield doubt(entry, f"{words}; speeds are in {unit}", *received)

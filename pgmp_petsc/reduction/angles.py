@@ -1,0 +1,313 @@
+"""Which angles a build adds to those it begins with, and how far stress outputs are off by those it has.
+
+Without a tolerance, angles of a single coordinate are halved, if they may be, where vectors of other parameter values
+turn too quickly for them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where
+stress outputs are interpolated badly.
+
+The bodies answer a load L with stresses ``R = D S Psi K_r^-1 Psi^T L`` (D and S as in `missed_answers`), of which Psi,
+``K_r = Psi^T K Psi`` and ``Psi^T L`` are interpolated each by itself. A force along a slender body is a small
+difference of large parts: it is per cents off where deformations are 1e-4 off.
+
+Every other sample is predicted from those beside it, by the model's own interpolation. The difference in R, as a share
+of its largest value over the range, is the error at twice the distances; `GAIN` leads to that of the samples as they
+are. Loads are those of the effects, the inertia forces of the rigid motion and, where springs and their kin act, those
+that the static modes answer, each by itself: how strong they are together only a run knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.outputs.stress import StressOutput
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between
+from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.references import stressed_bodies
+
+#: What may be left. Full-order runs of slider-cranks are met within 1 % from there on (`test_section_forces.py`).
+TARGET = 0.01
+#: By which half the distances are better: third order is the least that any scheme has. Of axial and shear forces of a
+#: slider-crank, runs were off by 1/7 to 1/46 of the predictions' errors, by splines.
+GAIN = 8.0
+# From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
+# with vectors as they are
+UNEVEN = 2.0
+STALLED = 0.5  # of the error of stress outputs: what two rounds must leave less than
+SMALL = 1e-3  # of the largest value in the body that has the same unit: of what is less, no share is asked for
+NOTHING = 1e-9  # of a load, beside the rigid motion's: round-off
+FEWEST = 8  # samples of an axis that can be predicted by half of them
+REFERENCES = 8  # configurations at which the largest values in the body are looked for
+AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
+
+
+UNEVEN_VECTORS = "vectors of other parameter values (reduction.parameter_modes) turn quickly where they are small"
+QUICK_STRESSES = "stress outputs change quickly between them: "
+
+
+class AngleRounds:
+    """Rounds of the build of one mechanism, each with further angles (first rank).
+
+    Parameters
+    ----------
+    scene, mechanism
+        The scene, and its mechanism.
+    refinable
+        Whether angles may be added where no tolerance asks for them.
+    """
+
+    def __init__(self, scene: Scene, mechanism: Mechanism, refinable: bool) -> None:
+        self._scene, self._mechanism = scene, mechanism
+        self._refinable = refinable and len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None
+        self.static = range(0)  # numbers of the static modes that answer forces of actions
+        self._errors: dict[str, float] = {}  # of stress outputs by interpolation over the last angles
+        self._before: list[float] = []  # the largest of these in each round
+        #: why there are angles besides those asked for: by what turns quickly, the names of outputs where it is these
+        self._reasons: dict[str, dict[str, None]] = {}
+        tolerance = scene.reduction.sampling_tolerance
+        self._cure = (
+            "take more reduction.angles" if tolerance is None else "take a smaller reduction.sampling_tolerance"
+        )
+
+    def wanted(self, samples: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis) -> np.ndarray:
+        """Return the configurations of the next round, shape (n, n_theta); none where these are enough."""
+        scene, axis = self._scene, samples.axes[0]
+        found = np.zeros(0)
+        if scene.reduction.sampling_tolerance is not None:
+            found = _beyond_tolerance(scene, axis, previous, current)
+        elif self._refinable and 2 * axis.n <= scene.reduction.max_angles and _uneven(scene, current):
+            self._reasons.setdefault(UNEVEN_VECTORS, {})
+            found = _between(axis, scene.reduction.interpolation)
+        if not found.size and stressed_bodies(scene):
+            found = self._for_stresses(axis, current)
+        return found.reshape(-1, 1) if found.size else np.empty((0, samples.n_coordinates))
+
+    def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
+        """Return the angles, shape (n,), that stress outputs need."""
+        self._errors = stress_errors(self._scene, self._mechanism, basis.tables, basis.projection, self.static)
+        self._before.append(max(self._errors.values()))
+        poor, most = [name for name, error in self._errors.items() if error > TARGET], self._scene.reduction.max_angles
+        if not (poor and self._refinable):
+            return np.zeros(0)
+        if 2 * axis.n > most:
+            self._cure = f"raise reduction.max_angles ({most})"
+        elif len(self._before) > 2 and not self._before[-1] < STALLED * self._before[-3]:
+            left = _share(self._before[-1] / self._before[-3])
+            self._cure = f"four times the angles left {left} of that, so that no more were tried"
+        else:
+            self._reasons.setdefault(QUICK_STRESSES, {}).update(dict.fromkeys(poor))
+            return _between(axis, self._scene.reduction.interpolation)
+        return np.zeros(0)
+
+    def remarks(self, samples: SampleGrid, basis: ContinuousBasis) -> tuple[Remark, ...]:
+        """Return what is said of the angles."""
+        found, (asked, *_) = [], np.broadcast_to(self._scene.reduction.angles, samples.n_coordinates)
+        if basis.uneven > UNEVEN:
+            more = f"their size changes by {basis.uneven:.2g} times between angles; take more reduction.angles"
+            found.append(warning(f"{UNEVEN_VECTORS}: {more}"))
+        if self._reasons:
+            why = ", and as ".join(reason + ", ".join(names) for reason, names in self._reasons.items())
+            found.append(note(f"reduction.angles: {samples.n} in place of {asked}, as {why}"))
+        poor = {name: error for name, error in self._errors.items() if error > TARGET}
+        if poor:
+            which = ", ".join(f"{name} {_share(error)}" for name, error in poor.items())
+            found.append(
+                warning(
+                    f"stress outputs are off by interpolation between {samples.n} configurations, as shares of their "
+                    f"largest values under a load: {which}; {self._cure}"
+                )
+            )
+        return tuple(found)
+
+
+def _share(error: float) -> str:
+    return f"{100.0 * error:.3g} %" if error <= 1.0 else "more than all of it" if np.isfinite(error) else "not known"
+
+
+def _uneven(scene: Scene, basis: ContinuousBasis) -> bool:
+    """Return whether vectors of other parameter values turn too quickly for the angles."""
+    return basis.uneven > UNEVEN or (
+        basis.uneven > 1.0
+        and bool(indefinite_between(basis.tables, scene.reduction.interpolation, *spanning_values(scene)))
+    )
+
+
+def _between(samples: Samples, scheme: str) -> np.ndarray:
+    """Return the angles, shape (n,), that halve the distances between those that a scheme wants."""
+    if scheme == "spectral" and not samples.periodic:
+        return Samples.chebyshev(samples.lower, samples.upper, 2 * samples.n - 1).theta[1::2]
+    return midpoints(samples)
+
+
+def _beyond_tolerance(
+    scene: Scene, samples: Samples, previous: ContinuousBasis | None, current: ContinuousBasis
+) -> np.ndarray:
+    """Return the angles of the next round of adaptive sampling, shape (n,); none where the tolerance holds."""
+    tolerance = scene.reduction.sampling_tolerance
+    if previous is None:
+        return midpoints(samples)
+    new = np.setdiff1d(samples.theta, previous.tables.samples.axes[0].theta)
+    errors = interpolation_errors(previous, current, new, scene.nominal)
+    poor = new[errors > tolerance]
+    if samples.n > scene.reduction.max_angles and poor.size:
+        raise RunError(
+            f"reduction.sampling_tolerance = {tolerance:g}: with {samples.n} angles the tables still differ by "
+            f"{errors.max():.2g} near {', '.join(scene.coordinates)} = {new[np.argmax(errors)]:.4g}; raise "
+            f"reduction.max_angles ({scene.reduction.max_angles}) or the tolerance"
+        )
+    # both halves of the interval that a poor sample has split
+    theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
+    left = np.searchsorted(theta, poor)
+    chosen = np.zeros(theta.size - 1, dtype=bool)
+    chosen[left - 1] = chosen[left] = True
+    return midpoints(samples, chosen)
+
+
+def stress_errors(
+    scene: Scene, mechanism: Mechanism, tables: ReducedTables, projection: np.ndarray, static: range
+) -> dict[str, float]:
+    """Return by stress output how far interpolation is off, as a share of its largest value; infinity where angles are
+    too few to tell.
+
+    Parameters
+    ----------
+    projection
+        Flexible vectors, shape (n, n_dofs, n_delta).
+    static
+        Numbers of the vectors whose loads count, too.
+    """
+    numbers = {body.name: number for number, body in enumerate(mechanism.bodies)}
+    outputs = [
+        StressOutput.of(name, scene, numbers[entry.body], mechanism.bodies[numbers[entry.body]])
+        for name, entry in scene.outputs.items()
+        if entry.reads == "stresses"
+    ]
+    stiffness, loads = _stiffness_and_loads(scene, tables, static)
+    answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}
+    if not loads.size:
+        return found
+    halves = [_Halves.of(axis, scene.reduction.interpolation) for axis in tables.samples]
+    predicted = []
+    for number, half in enumerate(halves):
+        if half is None:
+            return dict.fromkeys(found, np.inf)
+        predicted.append(np.linalg.solve(*(half.predicted(tables, number, part) for part in (stiffness, loads))))
+    for output in outputs:
+        body = mechanism.bodies[output.body]
+        shapes = projection[:, body.dofs]
+        moves = shapes @ answers
+        largest = np.maximum(_largest(output, body, moves, scene), SMALL * _reference(output, body, moves, scene))
+        for number, (half, own) in enumerate(zip(halves, predicted)):
+            off = half.predicted(tables, number, shapes) @ own - half.known(tables, number, moves)
+            errors = np.divide(
+                _largest(output, body, off, scene), largest, out=np.zeros(largest.size), where=largest > 0
+            )
+            found[output.name] = max(found[output.name], float(errors.max(initial=0.0)) / GAIN)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Halves:
+    """Samples of one axis, and those in their middles."""
+
+    samples: Samples  # the former
+    scheme: str  # interpolation over them
+    kept: np.ndarray  # their numbers
+    #: of the others: numbers, and places among the former
+    left: np.ndarray
+    theta: np.ndarray
+
+    @classmethod
+    def of(cls, samples: Samples, scheme: str) -> _Halves | None:
+        """Part the samples; None where there are too few."""
+        numbers = np.arange(samples.n)
+        if samples.n < FEWEST:
+            return None
+        if samples.periodic and samples.n % 2:
+            samples, numbers = samples.over_two_turns(), np.tile(numbers, 2)  # every other one of two turns
+        elif not samples.periodic and samples.n % 2 == 0:
+            numbers = numbers[:-1]
+            if scheme == "spectral":
+                scheme = "spline"  # these are no Chebyshev points
+        theta = samples.theta[: numbers.size]
+        upper = samples.upper if samples.periodic else float(theta[-1])
+        half = Samples(theta[::2], samples.lower, upper, samples.periodic)
+        return cls(half, scheme, numbers[::2], numbers[1::2], theta[1::2])
+
+    def predicted(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
+        """Return a table (n, ...) at the others, shape (n_left, ...), from those that are kept along an axis."""
+        rows = np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
+        found = interpolant(self.samples, np.ascontiguousarray(rows[self.kept]), self.scheme)(self.theta)
+        return found.reshape(-1, *table.shape[1:])
+
+    def known(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
+        """Return the table itself there."""
+        rows = np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
+        return rows[self.left].reshape(-1, *table.shape[1:])
+
+
+def _stiffness_and_loads(scene: Scene, tables: ReducedTables, static: range) -> tuple[np.ndarray, np.ndarray]:
+    """Return the stiffness (n, m, m) and the loads (n, m, n_loads) of the flexible coordinates."""
+    r, values = tables.n_coordinates, scene.nominal
+    mass_weights = evaluate_weights(tables.mass_weights, values)
+    stiffness = np.einsum("t,ntij->nij", evaluate_weights(tables.stiffness_weights, values), tables.stiffness)
+    mass = np.einsum("t,ntij->nij", mass_weights, tables.mass)
+    inertia = np.einsum("t,ntklj->nklj", mass_weights, tables.inertia)
+    terms = evaluate_weights(tables.load_weights, values)[:, None] * tables.load
+    columns = []
+    for effect in dict.fromkeys(tables.load_effects):
+        whole = terms[:, [name == effect for name in tables.load_effects]].sum(axis=1)
+        columns += _unless_nothing(whole[:, r:], np.abs(whole).max())
+    moving = np.sqrt(np.abs(mass[:, :r, :r]).max())
+    for k in range(r):
+        for part in (mass[:, k, r:], *(inertia[:, k, j] for j in range(k + 1))):
+            columns += _unless_nothing(part, moving)
+    columns += [stiffness[:, :, j] for j in static]
+    shape = (*stiffness.shape[:2], len(columns))
+    return stiffness, np.stack(columns, axis=2) if columns else np.zeros(shape)
+
+
+def _unless_nothing(load: np.ndarray, size: float) -> Iterator[np.ndarray]:
+    """Yield a load (n, m) that is not small beside a size."""
+    if np.abs(load).max(initial=0.0) > NOTHING * size:
+        yield load
+
+
+def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return the largest size of an output under each load, shape (n_loads,), for coordinates (n, n_dofs, n_loads).
+
+    Of what is no linear form of the stresses it is a bound of differences: von Mises' stress of these, for one.
+    """
+    sizes = [np.zeros(0)]
+    for strains in _strains(output.points, body, moves):
+        both = [np.abs(output.value(sign * strains, scene.nominal)) for sign in (1.0, -1.0)]
+        sizes.append(np.maximum(*both))
+    return np.concatenate(sizes).reshape(len(moves), -1).max(axis=0, initial=0.0)
+
+
+def _reference(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return the largest size of what has the output's unit anywhere in the body, under each load, shape (n_loads,)."""
+    of_body = body.stresses(scene)
+    points, alike = of_body.everywhere(), [key for key, unit in of_body.units.items() if unit == output.unit]
+    some, sizes = moves[:: max(1, len(moves) // REFERENCES)], [np.zeros(0)]
+    for strains in _strains(points, body, some):
+        values: Mapping[str, np.ndarray] = of_body.law.values(alike, points, strains, scene.nominal)
+        sizes.append(np.max([np.abs(one).max(axis=0) for one in values.values()], axis=0))
+    return np.concatenate(sizes).reshape(len(some), -1).max(axis=0, initial=0.0)
+
+
+def _strains(points: object, body: Body, moves: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield linear strains of points, shape (n_points, n_strains, n), of some columns after the other."""
+    columns = np.moveaxis(moves, 1, 0).reshape(moves.shape[1], -1)
+    step = max(1, AT_ONCE // max(1, points.width))
+    for first in range(0, columns.shape[1], step):
+        yield points.of_displacements(body.displacements(columns[:, first : first + step]))

@@ -1,0 +1,96 @@
+"""Scenes of machines that slide: a cart with a pole, an arm on a rail, and runs of them in every model."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from runs import full_model, history, read_meshes, reduced_model, samples
+from scipy.integrate import solve_ivp
+
+from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.models import Model
+from pgmp_petsc.scene import Scene, scene_from_toml
+from scenes import HEADER, tables
+
+CART = HEADER + tables("""
+bodies.cart: line = { length = 0.2, elements = 1 }; element = "beam2d"; material = "steel"; flexible = false;
+    section = { shape = "rectangle", width = 0.05, height = 0.05 }
+bodies.pole: line = { length = 0.5, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.01, height = 0.02 }
+joints.rail: type = "point_on_line"; connect = ["ground:origin", "cart:hinge"]; direction = [1.0, 0.0]
+joints.rail2: type = "point_on_line"; connect = ["ground:origin", "cart:tip"]; direction = [1.0, 0.0]
+joints.pivot: type = "revolute"; connect = ["cart:hinge", "pole:hinge"]
+coordinates.x: joint = "rail"; motion = "sliding"; range = [-0.5, 0.5]
+coordinates.swing: joint = "pivot"; range = [-3.4, 0.3]
+effects.weight: type = "gravity"
+reduction: modes = 2; angles = 14; static_modes = true
+simulation: duration = 0.4; step = 1e-3
+outputs.x: type = "sliding"; joint = "rail"
+outputs.swing: type = "angle"; joint = "pivot"
+outputs.bent: type = "deformation"; point = "pole:tip"; axis = "y"; frame = "body"
+""")  # the cart's turning is held by its second point, the pole has one freedom of its own
+RIGID = ("bodies.pole.flexible=false", "outputs={x={type='sliding',joint='rail'},swing={type='angle',joint='pivot'}}")
+
+RAIL = HEADER + tables("""
+bodies.arm: line = { length = 0.5, elements = 4 }; element = "beam3d"; material = "steel";
+    section = { shape = "rectangle", width = 0.02, height = 0.02 }; orientation = [0.0, 1.0, 0.0]
+joints.rail: type = "prismatic"; connect = ["ground:origin", "arm:hinge"]; axis = [0.0, 1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-0.2, 0.5]
+reduction: modes = 3; angles = 12; static_modes = true; inertia_modes = true
+simulation: duration = 0.3; step = 1e-3
+outputs.x: type = "sliding"; joint = "rail"
+outputs.v: type = "speed"; joint = "rail"
+outputs.tip: type = "deformation"; point = "arm:tip"; axis = "y"
+""")
+RAIL_MASS = 7800.0 * 0.5 * 0.02**2
+
+MODELS: dict[str, Callable[[Scene], Model]] = {
+    "full": full_model,
+    "components": lambda scene: component_model(scene, read_meshes(scene), MPI.COMM_SELF),
+    "reduced": reduced_model,
+}
+
+
+def cart(*overrides: str) -> Scene:
+    """Return a cart on a rail with a pole that swings, which starts level."""
+    return scene_from_toml(CART, ".", overrides)
+
+
+def rail(*overrides: str) -> Scene:
+    """Return an arm across a rail."""
+    return scene_from_toml(RAIL, ".", overrides)
+
+
+def run(scene: Scene, model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return times and outputs of the scene's run."""
+    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1)
+    return times, {name: values[:, 0] for name, values in outputs.items()}
+
+
+@dataclass(frozen=True)
+class CartAndPole:
+    """The cart and the pole as rigid bodies: masses (kg), half the pole's length (m), its inertia about its middle."""
+
+    cart: float = 7800.0 * 0.2 * 0.05**2
+    pole: float = 7800.0 * 0.5 * 0.01 * 0.02
+    half: float = 0.25
+    inertia: float = 7800.0 * 0.5 * 0.01 * 0.02 * (0.5**2 + 0.02**2) / 12.0
+
+    def motion(
+        self, times: np.ndarray, start: tuple[float, ...], force: Callable[..., float] = lambda *_: 0.0,
+        torque: Callable[..., float] = lambda *_: 0.0, gravity: float = 9.81,
+    ) -> np.ndarray:  # fmt: skip
+        """Return x and the angle, shape (2, n), for a force along the rail and a torque, of (t, x, phi, x', phi')."""
+
+        def rates(t: float, y: np.ndarray) -> np.ndarray:
+            _, phi, v, w = y
+            lever = self.pole * self.half
+            mass = [
+                [self.cart + self.pole, -lever * np.sin(phi)],
+                [-lever * np.sin(phi), self.inertia + lever * self.half],
+            ]
+            right = [force(t, *y) + lever * np.cos(phi) * w * w, torque(t, *y) - lever * gravity * np.cos(phi)]
+            return np.concatenate([y[2:], np.linalg.solve(mass, right)])
+
+        return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:2]

@@ -1,0 +1,20 @@
+"""Texts on single runs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import synthetic
+
+from pgmp_petsc.texts.models import report_of_run
+
+
+def test_what_is_round_off_beside_the_mechanism_is_zero() -> None:
+    """Bodies are 0.3 m long; a deformation of 1e-16 m is none, and what is not known is not zero."""
+    run = synthetic.trajectory()
+    small = run.outputs | {"slider_deformation": np.full(run.time.size, 1e-16)}
+    text = report_of_run(replace(run, outputs=small), Path("run.h5"))
+    (line,) = [line for line in text.splitlines() if "slider_deformation" in line]
+    assert line.split() == ["slider_deformation", "0", "m"]
+    unknown = run.outputs | {"slider_deformation": np.full(run.time.size, np.nan)}
+    assert "nan m" in report_of_run(replace(run, outputs=unknown), Path("run.h5"))

@@ -1,0 +1,178 @@
+"""Laws that a scene writes as formulas: values and derivatives, motions against an independent integration, in C."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from differences import differences
+from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from machine_scenes import MODELS, RIGID, CartAndPole, cart, run
+from refusals import cases, check_said
+from runs import IN_TURN, overridden, reduced_model
+
+from pgmp_petsc.effects.formula import declared, law_of
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_to_toml
+
+#: A formula of every function, and the same by numpy.
+EXAMPLES = {
+    "A * sin(12 * s) - c * v": lambda s, v, t, A, c: A * np.sin(12 * s) - c * v,
+    "A * (t > 0.1) + c * (s > 0) * (v < 1)": lambda s, v, t, A, c: A * (t > 0.1) + c * (s > 0) * (v < 1),
+    "A ** 2 * s ** 3 - c / (1 + v ** 2)": lambda s, v, t, A, c: A**2 * s**3 - c / (1 + v**2),
+    "exp(-A * t) * cos(s) + c * log(2 + v)": lambda s, v, t, A, c: np.exp(-A * t) * np.cos(s) + c * np.log(2 + v),
+    "where(s > c, A * s, -A * v) - abs(v)": lambda s, v, t, A, c: np.where(s > c, A * s, -A * v) - np.abs(v),
+    "where(s - c, A, t)": lambda s, v, t, A, c: np.where(s - c != 0, A, t),
+    "A * tanh(v / c) + sqrt(4 + s) + tan(t)": lambda s, v, t, A, c: A * np.tanh(v / c) + np.sqrt(4 + s) + np.tan(t),
+    "min(A, s) * max(c, v) + sign(s)": lambda s, v, t, A, c: np.minimum(A, s) * np.maximum(c, v) + np.sign(s),
+    "A * atan2(s, v) + c * atan2(-v, -t) + 2 ** s": lambda s, v, t, A, c: (
+        A * np.arctan2(s, v) + c * np.arctan2(-v, -t) + 2.0**s
+    ),
+    "A * (0 < s < 1) - (2 ** -1 + 3) * c * s ** -2": lambda s, v, t, A, c: A * (0 < s) * (s < 1) - 3.5 * c / s**2,
+}
+STATES = [(s, v, t) for s in (-1.3, -0.2, 0.4, 1.7) for v in (-0.7, 0.3, 1.9) for t in (0.05, 0.6)]
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_a_formula_and_its_derivatives(text: str) -> None:
+    """Values to round-off, slopes by differences away from jumps, in Python and from machine code."""
+    law, h = law_of(declared(text, ("A", "c"))[0], ("A", "c")), 1e-6
+
+    def wanted(s: float, v: float, t: float, A: float = 0.7, c: float = 0.35) -> float:  # noqa: N803
+        return float(EXAMPLES[text](s, v, t, A, c))
+
+    for s, v, t in STATES:
+        found, slopes = law.evaluate([0.7, 0.35], s, v, t), [0.0] * 3
+        law.code.slopes([0.7, 0.35], t, s, v, slopes)
+        assert found.force == pytest.approx(wanted(s, v, t), rel=1e-13, abs=1e-13)
+        of_state = (
+            -(wanted(s + h, v, t) - wanted(s - h, v, t)), -(wanted(s, v + h, t) - wanted(s, v - h, t)),
+            wanted(s, v, t, A=0.7 + h) - wanted(s, v, t, A=0.7 - h),
+            wanted(s, v, t, c=0.35 + h) - wanted(s, v, t, c=0.35 - h),
+            wanted(s, v, t + h) - wanted(s, v, t - h),
+        )  # fmt: skip
+        exact = (found.stiffness, found.damping, *slopes)
+        np.testing.assert_allclose(exact, np.array(of_state) / (2 * h), rtol=1e-7, atol=1e-7)
+
+
+LAWS = (
+    'effects.push={type="law",joint="rail",force="where(t > 0.05, F * sin(20 * (t - 0.05)), 0) - c * v - k * s ** 3",'
+    'constants={F=6.0,c="damping",k=400.0}}',
+    'effects.cogging={type="law",joint="pivot",force="A * sin(12 * s) - 0.01 * tanh(v / 0.2)",constants={A=0.2}}',
+    "parameters.damping={nominal=3.0}",
+)
+START = ("simulation.initial.x.velocity=0.3", "simulation.initial.swing.velocity=-2.0")
+
+
+def force(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return 6.0 * math.sin(20 * (t - 0.05)) * (t > 0.05) - 3.0 * v - 400.0 * x**3
+
+
+def torque(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return 0.2 * math.sin(12 * phi) - 0.01 * math.tanh(w / 0.2)
+
+
+def test_formulas_move_a_cart_and_a_pole() -> None:
+    """Errors fall as the square of the step: the force that sets in has no jump."""
+    errors = []
+    for step in (2e-3, 1e-3, 5e-4):
+        times, found = run(cart(*RIGID, *START, *LAWS, f"simulation.step={step}"), "full")
+        exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, -2.0), force, torque)
+        errors.append([np.abs(found["x"] - exact[0]).max(), np.abs(found["swing"] - exact[1]).max()])
+    assert np.all(np.array(errors[0]) / errors[-1] > 10.0) and np.all(errors[-1] < np.array([3e-6, 3e-5])), errors
+
+
+def test_formulas_in_every_model() -> None:
+    (_, full), (_, components), (_, reduced) = (run(cart(*START, *LAWS), model) for model in MODELS)
+    for name, share in (("x", 2e-4), ("swing", 2e-4), ("bent", 0.03)):
+        largest = np.abs(full[name]).max()
+        np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+        np.testing.assert_allclose(components[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+
+
+def test_a_formula_between_points_is_a_spring() -> None:
+    """The force makes the distance larger: -k (s - rest) is the spring of that stiffness."""
+    spring = '{type="spring_damper",points=["ground:origin","pole:tip"],stiffness=30.0,damping=0.5,rest=0.4}'
+    formula = '{type="law",points=["ground:origin","pole:tip"],force="-30 * (s - 0.4) - 0.5 * v"}'
+    for model in ("full", "reduced"):
+        (_, one), (_, other) = (run(cart(f"effects.own={own}"), model) for own in (spring, formula))
+        for name, values in one.items():
+            np.testing.assert_allclose(other[name], values, rtol=0, atol=1e-6 * np.abs(values).max(), err_msg=name)
+
+
+def test_derivatives_with_a_constant() -> None:
+    model = reduced_model(cart(*START, *LAWS, "simulation.duration=0.1"))
+    found = differentiate(model, model.scene.values, ["damping"])
+    wanted = differences(model, "damping", 1e-3)
+    for name in ("x", "swing"):
+        largest = np.abs(wanted[name]).max()
+        np.testing.assert_allclose(found.derivatives[name]["damping"], wanted[name], rtol=0, atol=1e-5 * largest)
+
+
+@needs_compiler
+def test_formulas_in_c(tmp_path: Path) -> None:
+    model = reduced_model(cart(*START, *LAWS))
+    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+
+
+FORMULA = 'effects.e={type="law",joint="pivot",force='
+REFUSED = """
+FORMULA"sinn(s)"} -> effects.e.force = "sinn(s)": calls 'sinn', which is no function; did you mean 'sin'?
+FORMULA"amplitud * s",constants={amplitude=1.0}} -> \
+    effects.e.force = "amplitud * s": names 'amplitud', which is not known; did you mean 'amplitude'?
+FORMULA"A * s",constants={A="strength"}} -> effects.e.constants.A = "strength": there is no such parameter
+FORMULA"s.real"} -> effects.e.force = "s.real": has 's.real'; a formula has numbers
+FORMULA"(lambda: s)()"} -> effects.e.force = "(lambda: s)()": has '(lambda: s)()'
+FORMULA"s if t else v"} -> effects.e.force = "s if t else v": has 's if t else v'
+FORMULA"s == 1"} -> effects.e.force = "s == 1": has 's == 1'
+FORMULA"s *"} -> effects.e.force = "s *": is no formula (
+FORMULA""} -> effects.e.force = "": is no formula
+FORMULA"min(s)"} -> effects.e.force = "min(s)": gives min 1 arguments; it takes 2
+FORMULA"9**9**9**9"} -> effects.e.force = "9**9**9**9": has 9 ** 9 ** 9, which is no finite number
+FORMULA"1 / (2 - 2) + s"} -> effects.e.force = "1 / (2 - 2) + s": has 1 / (2 - 2), which is no finite number
+FORMULA"1",constants={A=1.0}} -> effects.e.constants = { A = 1.0 }: the formula does not name 'A'
+FORMULA"v",constants={v=1.0}} -> effects.e.constants = { v = 1.0 }: 'v' cannot be a name in a formula
+FORMULA"1",constants={a-b=1.0}} -> effects.e.constants = { a-b = 1.0 }: 'a-b' cannot be a name in a formula
+FORMULA"A",constants={A=true}} -> effects.e.constants.A = true: a finite number or the name of a parameter
+effects.e={type="law",force="s"} -> effects.e.joint: exactly one of joint, points is needed
+effects.e={type="law",joint="rail2",force="s",motion="spin"} -> effects.e.motion = "spin":
+effects.e={type="law",joint="pivot",motion="sliding",force="s"} -> effects.e.motion = "sliding": pivot is revolute
+"""
+DEEP = "atan2(" * 8 + "s" + ", v)" * 8
+
+
+@pytest.mark.parametrize(("override", "said"), cases(REFUSED.replace("FORMULA", FORMULA)))
+def test_what_is_no_formula_is_explained(override: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        cart(override)
+    check_said(str(caught.value), said, override)
+
+
+def test_long_and_deep_formulas_are_refused_at_once() -> None:
+    for text, said in (("s + " * 400 + "s", "characters"), (DEEP, "too many functions within each other")):
+        with pytest.raises(InputError, match=said):
+            cart(f'{FORMULA}"{text}"}}')
+
+
+AT_START = {
+    "1 / s": "it divides by zero at the start, where s = 0, v = 0 and t = 0",
+    "log(s)": "it is not finite at the start",
+    "s ** 1.5 + 1 / t": "it divides by zero at the start",
+}
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_a_formula_without_a_value_at_the_start_ends_a_command(mpirun, tmp_path: Path, n_ranks: int) -> None:
+    import json
+
+    scene = tmp_path / "cart.toml"
+    scene.write_text(scene_to_toml(cart()))
+    asked = [f'{FORMULA}"{text}"}}' for text in (*AT_START, "sinn(s)")]
+    commands = [["simulate", str(scene), "--full", "-o", str(tmp_path / "o.h5"), *overridden(one)] for one in asked]
+    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == [[2] * n_ranks] * len(commands), done.stderr
+    for text, said in AT_START.items():
+        assert f'effects.e.force = "{text}": {said}' in done.stderr
+    assert "Traceback" not in done.stderr
