@@ -51,7 +51,8 @@ def test_a_flywheel_is_accelerated() -> None:
 
 
 TOP = HEADER + tables("""
-bodies.top: rigid = { mass = 1.5, centre = [0.1, 0.05, -0.02], inertia = [0.02, 0.03, 0.04, 0.002, -0.001, 0.003], points = { foot = [0.0, 0.0, 0.0], tip = [0.2, 0.0, 0.0] } }
+bodies.top: rigid.mass = 1.5; rigid.centre = [0.1, 0.05, -0.02];
+    rigid.inertia = [0.02, 0.03, 0.04, 0.002, -0.001, 0.003]; rigid.points = { foot = [0.0, 0.0, 0.0] }
 joints.foot: type = "revolute"; connect = ["ground:origin", "top:foot"]; axis = [1.0, 2.0, 2.0]
 coordinates.turn: joint = "foot"; range = [-3.0, 3.0]
 effects.weight: type = "gravity"; direction = [0.0, 0.0, -1.0]

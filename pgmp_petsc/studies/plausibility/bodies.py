@@ -128,7 +128,9 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
-        if body.flexible or body.section is not None and body.section.sizes:  # coefficients of a rigid body say its mass only
+        if body.rigid is not None:
+            continue
+        if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
             yield doubt(
