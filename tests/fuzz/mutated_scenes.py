@@ -94,7 +94,8 @@ def prepare(folder: Path) -> Path:
 
 
 def bases() -> list[dict[str, Any]]:
-    """Return the tables of the shipped scenes, and of a machine with all that slides, with short ranges, so that assembling takes no time."""
+    """Return the tables of the shipped scenes, and of a machine with all that slides, with short ranges, so that
+    assembling takes no time."""
     found = []
     texts = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "scenes").glob("*.toml"))]
     for data in map(tomllib.loads, (*texts, scene_to_toml(cart(*EVERYTHING)))):
