@@ -13,7 +13,7 @@ from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
 from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.line_mesh import star, straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -77,7 +77,9 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 def read_meshes(scene: Scene) -> dict:
     """Return the meshes of a scene whose entries are paths or straight lines."""
     return {
-        name: straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
+        name: star(body.rigid.centre_of_mass, body.rigid.points)
+        if body.rigid is not None
+        else straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
         if body.mesh is None
         else read_line_mesh(scene.path_of(body.mesh), name)
         for name, body in scene.bodies.items()

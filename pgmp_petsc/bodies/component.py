@@ -162,6 +162,14 @@ def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray
     return _component(dict(mesh.points), mesh.nodes, weight, second, 6 * mesh.n_nodes)
 
 
+def rigid_mass(mesh: LineMesh, mass: float, centre: np.ndarray, inertia: np.ndarray) -> Component:
+    """Return the component of a rigid body in space with a mass and its tensor of inertia (3, 3) about its centre."""
+    second = np.zeros((4, 4))
+    place = np.append(centre, 1.0)
+    second[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return _component(dict(mesh.points), mesh.nodes, Monomial(), second + mass * np.outer(place, place), 6)
+
+
 def _component(
     frames: dict[str, int], centres: np.ndarray, weight: Monomial, second: np.ndarray, n_mesh_dofs: int
 ) -> Component:

@@ -30,8 +30,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
 
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.numbers import share_text
@@ -206,6 +204,8 @@ def step_errors(
     sample
         Number of the sample in it.
     """
+    from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
+
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
     finite = all(np.isfinite(values).all() for values in outputs.values())
@@ -282,6 +282,8 @@ class Bands:
         out = apart > LOST * amplitudes
         out[..., :LOWEST] = False
         if kinked.any():
+            from scipy.ndimage import median_filter  # as above
+
             of_kinked = amplitudes[:, kinked]
             out[:, kinked] &= of_kinked > PEAK * median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))

@@ -10,6 +10,7 @@ Uniform refinement of line meshes in memory.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -61,6 +62,14 @@ class LineMesh(Counted):
             f'{entry} = "{name}": the mesh has no point of this name{nearest_name(name, self.points)}'
             f" (or a node's index, 0 to {self.n_nodes - 1})"
         )
+
+
+def star(centre: np.ndarray, points: Mapping[str, Sequence[float]]) -> LineMesh:
+    """Return lines from a centre (d,), the first node, to named points."""
+    nodes = np.array([centre, *points.values()], dtype=float)
+    apart = 1 + np.flatnonzero(np.any(nodes[1:] != centre, axis=1))
+    cells = np.column_stack([np.zeros_like(apart), apart])
+    return LineMesh(nodes, cells, {name: number for number, name in enumerate(points, 1)})
 
 
 def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh:

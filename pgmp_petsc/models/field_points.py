@@ -17,6 +17,7 @@ from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import stressed_bodies
 
+THIN = 0.03  # of the longest line
 LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
 Values = dict[str, np.ndarray]
 
@@ -138,7 +139,13 @@ def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -
 
 
 def _radius(scene: Scene, name: str) -> float:
-    """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m."""
+    """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m.
+
+    Lines of a rigid body by its mass are thin.
+    """
+    given = scene.bodies[name].rigid
+    if given is not None:
+        return THIN * max(float(np.linalg.norm(place - given.centre_of_mass)) for place in given.points.values())
     section = BeamSection.of(scene, name)
     resists = np.mean([float(part.at(scene.values)) for part in section.bending])
     return float(2.0 * np.sqrt(resists / float(section.axial.at(scene.values))))

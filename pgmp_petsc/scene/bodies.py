@@ -5,7 +5,7 @@ A body that is given by its assembled matrices, from another finite element prog
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -14,6 +14,7 @@ from pgmp_petsc.scene.fields import (
     Along,
     Angle,
     Axis,
+    Inertia,
     Integer,
     Name,
     Number,
@@ -112,6 +113,7 @@ class Matrices(Table):
 
 
 MOST_ELEMENTS = 100_000
+ROUNDED = 1e-6  # share by which moments of inertia may be rounded
 
 
 class Material(Table):
@@ -150,6 +152,53 @@ class Placement(Table):
         return np.array((*self.origin, 0.0)[:dimension])
 
 
+class RigidMass(Table):
+    """Mass properties of a rigid body, and the points at which joints and effects hold."""
+
+    mass: PositiveOrParameter = Field(description="mass (kg), a number or in the plane a parameter's name")
+    centre: Vector | None = Field(
+        None, description="centre of mass (m) in the frame of the body, [x, y] or [x, y, z]; its origin if not given"
+    )
+    inertia: Inertia = Field(
+        description="moment of inertia about the centre of mass (kg m2), a number or a parameter's name; in space six "
+        "entries of the tensor, [ixx, iyy, izz, ixy, ixz, iyz], ixy = -int x y dm"
+    )
+    points: dict[Name, Vector] = Field(min_length=1, description="places of its points (m) in the frame of the body")
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 3 if isinstance(self.inertia, tuple) else 2
+
+    @property
+    def centre_of_mass(self) -> np.ndarray:
+        """The centre of mass, shape (d,), m."""
+        return np.array(self.centre or (0.0,) * self.dimension)
+
+    @property
+    def tensor(self) -> np.ndarray:
+        """The tensor of inertia about the centre of mass in space, shape (3, 3), kg m2."""
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        d = self.dimension
+        if d == 3 and isinstance(self.mass, str):
+            raise refusal("a number is needed in space, where inertia forces are those of one body", "mass")
+        for key, place in {"centre": self.centre or (0.0,) * d, **self.points}.items():
+            if len(place) != d:
+                what = "centre" if key == "centre" else f"points.{key}"
+                raise refusal(f"{what} has {len(place)} coordinates; {d} are needed, as inertia says", "centre")
+        if d == 3:
+            moments = np.linalg.eigvalsh(self.tensor)
+            if not (moments[0] > 0.0 and moments[2] <= (moments[0] + moments[1]) * (1.0 + ROUNDED)):
+                words = ", ".join(f"{one:.4g}" for one in moments)
+                why = "all are positive, and none is more than both others together"
+                raise refusal(f"no body has its principal moments {words}: {why}", "inertia")
+        return self
+
+
 class Body(Table):
     """A body: flexible, or rigid with the same mass."""
 
@@ -159,6 +208,9 @@ class Body(Table):
     )
     matrices: Matrices | None = Field(
         None, description="instead of a mesh and a material, assembled matrices of another program; solids only"
+    )
+    rigid: RigidMass | None = Field(
+        None, description="instead of a mesh, a rigid body by its mass { mass, centre, inertia, points }"
     )
     element: Literal["beam2d", "beam3d", "solid2d", "solid3d"] = Field(
         description="beam in the plane or in space, plane stress or solid; the cells of the mesh say which element of "
@@ -187,9 +239,25 @@ class Body(Table):
     flexible: bool = Field(True, strict=True, description="false makes the body rigid")
     placement: Placement | None = Field(None, description="first guess for the assembly")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_its_mass(cls, data: Any) -> Any:
+        """A rigid body by its mass has neither element nor flexibility; the former says where it moves."""
+        if not isinstance(data, dict) or not isinstance(data.get("rigid"), dict):
+            return data
+        in_space = isinstance(data["rigid"].get("inertia"), (list, tuple))
+        return {"element": "beam3d" if in_space else "beam2d", "flexible": False, **data}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        exactly_one(self, "mesh", "line", "matrices")
+        exactly_one(self, "mesh", "line", "matrices", "rigid")
+        if self.rigid is not None:
+            for key in ("flexible", "material", "thickness", "section", "orientation", "section_scale", "regions"):
+                if getattr(self, key):
+                    raise refusal("for bodies with a mesh; one by its mass is rigid, and has no such entry", key)
+            if self.continuum or self.dimension != self.rigid.dimension:
+                raise refusal("a rigid body by its mass needs none; its inertia says where it moves", "element")
+            return self
         if self.matrices is not None:
             if not self.continuum:
                 raise refusal("for solid2d and solid3d only", "matrices")

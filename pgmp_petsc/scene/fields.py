@@ -315,6 +315,16 @@ Triple = Annotated[
 ]
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
+#: A moment of inertia, or the six entries of a tensor.
+Inertia = Annotated[
+    float | str | tuple[float, ...],
+    _needed(
+        "a positive number or a parameter's name is needed in the plane, in space six numbers [ixx, iyy, izz, ixy, "
+        "ixz, iyz]",
+        lambda value: isinstance(value, str) or is_number(value) and value > 0 or _are_numbers(6)(value),
+    ),
+    AfterValidator(_sensible_numbers),
+]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]

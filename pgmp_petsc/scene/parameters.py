@@ -503,7 +503,7 @@ def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
         what = "its matrices are assembled, and nothing of them is known place by place; give it a mesh"
         yield problem(f"{entry}.body", what, field.body)
     affine = {"E", "rho"} | ({"thickness"} if body.element == "solid2d" else set())
-    if body.element == "beam2d":
+    if body.element == "beam2d" and body.section is not None:
         affine |= set(body.section.proportional)
     if field.quantity not in affine:
         yield problem(f"{entry}.quantity", f"of a {body.element}: {NOT_AFFINE}", field.quantity)

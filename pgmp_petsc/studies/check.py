@@ -305,8 +305,9 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
 def _body(scene: Scene, body) -> dict[str, Any]:
     """Return what kind of body it is and how large."""
     n_nodes, n_cells = body.size
-    return {"element": scene.bodies[body.name].element if body.name in scene.bodies else "point mass",
-            "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
+    entry = scene.bodies.get(body.name)
+    element = "point mass" if entry is None else entry.element if entry.rigid is None else "rigid"
+    return {"element": element, "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
 
 
 def _mass_of(mesh: BodyShape | None) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh
-from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh, joined
+from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line, rigid_mass
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.inertia_moments import directors, of_directors
@@ -31,6 +31,7 @@ class RigidBody(Body):
     #: its mass in space; None in the plane, and of a point mass, where `lumps` have it
     component: Component | None = None
     drawn: SolidMesh | LineMesh | None = None  # what pictures show; None where it is not known
+    gyration: float = 0.0  # length of the bar with its radius of gyration, where no line tells, m
 
     flexible = False
 
@@ -42,6 +43,8 @@ class RigidBody(Body):
     @classmethod
     def of(cls, scene: Scene, name: str, shape: BodyShape) -> RigidBody:
         """See `Body`; raises as `rigid_component` and `rigid_line`."""
+        if scene.bodies[name].rigid is not None:
+            return cls.of_mass(scene, name, shape)
         if isinstance(shape, LineMesh):
             section = BeamSection.of(scene, name)
             if scene.dimension == 2:
@@ -52,6 +55,20 @@ class RigidBody(Body):
             return cls.of_component(name, shape)
         body = cls.of_component(name, rigid_component(framed_solid(scene, name, shape).at(scene.values)))
         return body if body.drawn is not None else replace(body, drawn=body.shape)
+
+    @classmethod
+    def of_mass(cls, scene: Scene, name: str, shape: LineMesh) -> RigidBody:
+        """Return a rigid body by its mass, whose shape is its centre and its points."""
+        given = scene.bodies[name].rigid
+        centre = given.centre_of_mass
+        if given.dimension == 3:
+            component = rigid_mass(shape, given.mass, centre, given.tensor)
+            return cls(name, cls._centre(centre), shape, component=component, drawn=shape)
+        mass, inertia = Quantity.of(given.mass), Quantity.of(given.inertia)
+        turned = {inertia.monomial: LumpedMass(0.0, inertia.coefficient)}
+        lumps = joined({mass.monomial: LumpedMass(mass.coefficient, 0.0)}, turned)
+        gyration = float(np.sqrt(12.0 * scene.number(given.inertia) / scene.number(given.mass)))
+        return cls(name, cls._centre(centre), shape, {0: lumps}, drawn=shape, gyration=gyration)
 
     @classmethod
     def of_lines(cls, name: str, mesh: LineMesh, section: BeamSection) -> RigidBody:
@@ -91,7 +108,7 @@ class RigidBody(Body):
         if self.component is not None:
             return self.component.extent
         # one that a single joint holds: the bar with its radius of gyration
-        return super().extent or max(
+        return super().extent or self.gyration or max(
             float(np.sqrt(12.0 * lump.inertia / lump.mass)) for lump in self.lumps[0].values() if lump.mass
         )
 

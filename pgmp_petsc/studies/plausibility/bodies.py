@@ -128,6 +128,8 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
+        if body.rigid is not None:
+            continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
@@ -189,8 +191,13 @@ def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[o
 
 
 def _beam(scene: Scene, name: str, mesh: LineMesh) -> Size:
-    body, section = scene.bodies[name], BeamSection.of(scene, name)
-    length = float(np.max(np.ptp(mesh.nodes, axis=0)))
+    body, length = scene.bodies[name], float(np.max(np.ptp(mesh.nodes, axis=0)))
+    if body.rigid is not None:
+        mass = scene.number(body.rigid.mass)
+        moment = max(body.rigid.inertia[:3]) if body.rigid.dimension == 3 else scene.number(body.rigid.inertia)
+        gyration = math.sqrt(12.0 * moment / mass)
+        return Size(max(length, gyration), gyration, mass, 0.0)
+    section = BeamSection.of(scene, name)
     axial, line_density = (float(part.at(scene.values)) for part in (section.axial, section.mass[0]))
     bending = min(float(part.at(scene.values)) for part in section.bending)
     gyration, speed = math.sqrt(bending / axial), math.sqrt(axial / line_density)
