@@ -77,6 +77,9 @@ KINDS = {
 FEATURES = {
     "nothing": (),
     "torque": ('effects.x={{type="torque",joint="{drive}",table=[[0.0,0.0],[1.0,1.0]],scale="strength"}}',),
+    "torque over an angle": (
+        'effects.x={{type="torque",joint="{drive}",over="{drive}",table=[[-1.0,0.2],[1.0,1.0]],scale="strength"}}',
+    ),  # fmt: skip
     "force": ('effects.x={{type="force",point="{last}:tip",direction={down},table=[[0.0,0.1],[1.0,1.0]]}}',),
     "force that follows": (
         'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',),

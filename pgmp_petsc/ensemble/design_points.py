@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 LimitState = Callable[[np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -35,7 +34,7 @@ ALIKE = 0.99  # cosine between design points that are one
 NEAR_PLANE = 0.2  # of a start from a plane on which it lies: rays are followed to a sixth
 FARTHER = 2.0  # than the nearest: a design point of no interest, a thousandth as likely at 3.5
 EXPLAINED = 0.3  # of the points of an event that lie beyond planes which evaluations can lead to, at least
-OF_PLANES = 0.2  # of the probability, which levels may have wrong by a few times
+BEYOND_PLANES = 0.25  # of an event's points, fewer of which lie beyond planes where its border bends
 WIDE = 1.0  # distance to the points of a border between which a plane is laid, and in which it is searched for
 BISECTED, FINELY = 6, 12  # steps of a bisection, of borders near one that is known, and of others
 ON_BORDER = 0.15  # distance between a plane's nearest point and the border
@@ -89,7 +88,6 @@ def design_points(
     starts: np.ndarray,
     most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-    chance: float = 0.0,
 ) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
@@ -108,19 +106,19 @@ def design_points(
     most
         Evaluations at most, of g or of its derivatives.
     others
-        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those.
-    chance
-        Of the event, as nearly as it is known: where planes at the design points that starts lead to are far from it,
-        as the border bends or the event is all around, no search begins from others.
+        Further points (m, d), from anywhere, and their g (m,), from which searches begin after those; but where few of
+        them that are in the event lie beyond planes at the design points that starts lead to, as the border bends or
+        the event is all around, none does.
     """
     d, used, found, in_vain, is_bent = starts.shape[1], 0, [], 0, False
     cost, tangents = cost_of(d, slopes), _Tangents(d)
     points, g = (np.zeros((0, d)), np.zeros(0)) if others is None else others
     points, g = points[np.isfinite(g)], g[np.isfinite(g)]
+    inside = points[g <= 0.0]
     while in_vain < IN_VAIN:
         if found:
             starts = starts[tangents.beyond(starts, np.zeros(len(starts))) > 0.0]
-            is_bent = not len(starts) and ndtr([-u @ alpha for u, alpha in found]).sum() < OF_PLANES * chance
+            is_bent = not len(starts) and _beyond(inside, found) < BEYOND_PLANES
             if is_bent:
                 break
             if not len(starts):
@@ -168,12 +166,11 @@ def _search(
     found: list[tuple[np.ndarray, np.ndarray]] = []
     g, slope = gradient(u)
     used += cost * len(u)
-    own = np.array([k for k in range(len(u)) if not _explained(u, g, slope, k)], dtype=int)
-    u, g, slope = u[own], g[own], slope[own]
     before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
     for _ in range(MOST_STEPS):
         norm = np.sqrt(np.sum(slope**2, axis=1))
         fine = np.isfinite(g) & np.isfinite(norm) & (norm > 0.0)
+        fine &= [not _explained(u, g, slope, k) for k in range(len(u))]
         u, g, slope, norm, before, part = (of_all[fine] for of_all in (u, g, slope, norm, before, part))
         alpha = -slope / norm[:, None]
         step = (np.sum(alpha * u, axis=1) + g / norm)[:, None] * alpha - u
@@ -213,6 +210,12 @@ def _search(
             used += (len(HALVES) + cost) * n_worse
         u, g, slope = trial, g_trial, slope_trial
     return found, used
+
+
+def _beyond(inside: np.ndarray, found: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Return the share of points (m, d) that lie beyond the planes of design points; 1 of none."""
+    is_beyond = [inside @ alpha >= u @ alpha for u, alpha in found]
+    return float(np.mean(np.any(is_beyond, axis=0))) if len(inside) else 1.0
 
 
 def _explained(u: np.ndarray, g: np.ndarray, slope: np.ndarray, k: int) -> bool:

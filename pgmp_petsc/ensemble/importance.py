@@ -40,6 +40,7 @@ DRAWN = (0.0, 0.5, 1.0)  # factors a
 FITTED = -1.0  # in place of a factor: one kernel a cluster, with the covariance of its points
 CLUSTERS = (1, 2, 4, 8)
 LEAST_VARIANCE = 0.6
+WIDER = 1.1  # than their points kernels with covariances are: one that is too narrow has a few heavy samples far out
 DEFENSIVE = 0.2  # share of samples from kernels about points
 OUTSIDE = 0.1  # and from outside the ball
 LARGER = 1.2  # probability of outside the ball over that of outside the nearest point, which is not the event's nearest
@@ -178,7 +179,7 @@ def chosen_density(
     Parameters
     ----------
     points, weights
-        Points of the event, shape (m, d), and how many each represents, shape (m,); two points at least.
+        Points of the event, shape (m, d), and how many each represents, shape (m,).
     random
         Which points try the densities that others make.
     families
@@ -190,6 +191,8 @@ def chosen_density(
     """
     families = np.arange(len(points)) if families is None else families
     values = np.zeros(len(points)) if values is None else values
+    if len(points) == 1:  # chains that never moved: it makes densities and tries them
+        points, weights, families, values = (np.repeat(one, 2, axis=0) for one in (points, weights, families, values))
     weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
     scores: dict[tuple[int, float], float] = {}
     for make, test in _halves(families, random):
@@ -278,7 +281,7 @@ def _density(
         own = np.argmin(np.sum((points[:, None] - means) ** 2, axis=2), axis=1)
         parts = (own == k for k in range(len(means)))
         roots = np.array([_root(points[part] - m, weights[part], families[part]) for part, m in zip(parts, means)])
-        return KernelDensity(means, shares, np.ones(len(means)), roots)
+        return KernelDensity(means, shares, np.ones(len(means)), WIDER * roots)
     deviation = np.sqrt(max(1.0 - factor**2, LEAST_VARIANCE))
     if factor > 0.0:
         some, shares = _some(points, weights, KERNELS, random)

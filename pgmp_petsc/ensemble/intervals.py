@@ -255,7 +255,7 @@ def variation_of(rounds: Sequence[np.ndarray]) -> float:
 
 
 def with_failed(
-    ends: np.ndarray, rounds: Sequence[np.ndarray], n_failed: int, n_plain: int, confidence: float
+    ends: np.ndarray, rounds: Sequence[np.ndarray], n_failed: int, n_plain: int, confidence: float, n_in: int = 0
 ) -> np.ndarray:
     """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
 
@@ -265,16 +265,17 @@ def with_failed(
         Of the event without the failed samples, (2,).
     rounds
         Weights of the samples of each round that are in the event or failed, 0 of others.
-    n_failed, n_plain
-        How many of the plain samples, from which the search begins, failed: where weighted samples do not come, they
-        alone tell how likely that is.
+    n_failed, n_plain, n_in
+        How many of the plain samples, from which the search begins, failed, and how many are in the event. They bound
+        it together with all that fails; so do the weighted samples, but for what fails where they do not come, as some
+        of the plain ones did.
     confidence
         Level of the interval.
     """
-    of_weights = of_weighted(rounds, confidence)[1] if len(rounds) else np.nan
-    of_plain = of_probability(n_failed, n_plain, confidence)[1] if n_failed or np.isnan(ends[1]) else np.nan
-    high = np.fmax(np.fmax(ends[1], of_weights), of_plain)
-    return np.array([0.0 if np.isnan(ends[0]) and np.isfinite(high) else ends[0], high])
+    open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
+    if not n_failed and len(rounds):
+        open_end = np.fmin(open_end, of_weighted(rounds, confidence)[1])
+    return np.array([np.fmax(ends[0], 0.0), np.fmax(ends[1], open_end)])
 
 
 def freedom_of(values: np.ndarray, most: float) -> float:

@@ -86,10 +86,11 @@ LEAST_CHANCE = 1e-15  # of what they find
 FOUND = 10  # of them, which are enough
 OF_WORTH = 0.5  # share of their number that samples are worth after a step of their deviation
 AT_ENTRANCES = (0.5, 0.1, 0.1, 0.1)  # share of the kernels of every round that are where rays enter the event
-AT_DESIGN = (0.5, 0.5, 0.5, 0.5)  # where they are at design points, which are known better than by rays
+AT_DESIGN = 0.5  # where they are at design points, which are known better than by rays
 LEVELS_APART = 10.0  # factor between what levels and weights say, beyond which parts are missing
 VARY = 30.0  # how much more weights vary before the planes of design points than beyond them
 ROUNDS = len(AT_ENTRANCES)  # of importance sampling, the first of which has no part in the probability
+MOST_FACTOR = 20.0  # logarithm of what a shift of g may make of a probability
 WEAK = 15.0  # equally weighted samples in the event, below which its probability is bounded only
 ENOUGH = 20  # samples in the event, to make a density
 ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
@@ -190,6 +191,24 @@ class RareSamples:
         found = self.contributions
         return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
 
+    def factor_of(self, shift: float) -> float:
+        """Return how many times as probable the event would be if g were less by `shift`.
+
+        ``exp(h shift)``, h how quickly weighted samples thin out from the border into the event: of depths that are
+        exponential, of which those beyond the shift, or their median, count as deeper alone (Epstein and Sobel, Journal
+        of the American Statistical Association 48 (1953) 486-502).
+        """
+        found = self.contributions
+        inside = found > 0.0
+        depth, weight = -self.limit_state[self.limit_state.size - found.size :][inside], found[inside]
+        order = np.argsort(depth)
+        sums = np.cumsum(weight[order])
+        median = depth[order][np.searchsorted(sums, 0.5 * sums[-1])]
+        deep = max(abs(shift), float(median))
+        of_all = float(np.sum(weight * np.minimum(depth, deep)))
+        hazard = float(weight[depth < deep].sum()) / of_all if of_all > 0.0 else 0.0
+        return float(np.exp(np.clip(hazard * shift, -MOST_FACTOR, MOST_FACTOR)))
+
     @cached_property
     def may_have_lost_parts(self) -> bool:
         """Whether the event has parts that lie apart, and nothing shows that there are no further ones.
@@ -214,7 +233,7 @@ class RareSamples:
         """Return a confidence interval of the probability, shape (2,) (`intervals.of_weighted`).
 
         Of an event that was not reached it is from 0 to the upper end of that of the level before it, or of the first
-        samples, none of which is in it: the smaller one, each of which holds with half of the doubt. Where parts may
+        samples: the smaller one, each of which holds with half of the doubt. Where parts may
         have been lost it goes on to the upper end of what the levels alone say.
         """
         if self.is_plain:
@@ -236,9 +255,9 @@ class RareSamples:
         return min(self.by_levels * float(np.exp(reach)), 1.0)
 
     def _of_first(self, confidence: float) -> float:
-        """Return what the first samples, which are independent, bound the probability of an event without any of them
-        by."""
-        return float(of_probability(0, self.levels[0].before.size, confidence)[1])
+        """Return what the first samples, which are independent, bound the probability by."""
+        first = self.levels[0].before
+        return float(of_probability(int(np.sum(first <= 0.0)), first.size, confidence)[1])
 
 
 def level_size(n_left: int) -> int:
@@ -283,7 +302,7 @@ def find(
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
         nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
-        design = chains.design(np.concatenate([nearest, centres]), chance, weighed) if has_design else None
+        design = chains.design(np.concatenate([nearest, centres]), weighed) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
@@ -413,7 +432,7 @@ class _Chains:
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
 
-    def design(self, starts: np.ndarray, chance: float, level: float) -> DesignPoints | None:
+    def design(self, starts: np.ndarray, level: float) -> DesignPoints | None:
         """Return the design points that searches from some points lead to, with a part of the samples that are left;
         from differences where exact derivatives lead to none, and of a level on g by bisection where nor those do."""
         if self._from_afar is not None:
@@ -427,7 +446,7 @@ class _Chains:
         nearest, found = nearest[unlike(units)], None
         for slopes in (None,) if self._slopes is None else (self._differentiated, None):
             most, others = int(OF_DESIGN * self.left), (np.concatenate(self.points), np.concatenate(self.values))
-            found = found or design_points(self.evaluate, slopes, nearest, most, others, chance)
+            found = found or design_points(self.evaluate, slopes, nearest, most, others)
         if found is None:
             points, g = (np.concatenate(part) for part in (self.points, self.values))
             found = self._bisected(points[g <= level], level, self.left)
@@ -445,9 +464,10 @@ class _Chains:
 
     def beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return points of the event from design points on, their g, and the share of accepted steps; None where the
-        event does not lie there."""
-        seeds = self._beyond(design)
-        return seeds and self.go_on(*seeds, 0.0, max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL))
+        event does not lie there. At least half of the samples that are left is left to be weighed."""
+        size = min(max(LEAST_OF_LEVEL, self.left // PART_OF_LEVEL), self.left // 2)
+        seeds = self._beyond(design) if len(design.points) <= size else None
+        return seeds and self.go_on(*seeds, 0.0, size)
 
     def _beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray] | None:
         """Return points of the event beyond design points, and their g; None where there are none."""
@@ -529,8 +549,11 @@ class _Chains:
         The first round is left out: its density is from points of chains, which are not independent, and half of it is
         about where rays enter the event. Points of all rounds make the next density, each with the weight of the
         mixture of all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical
-        Association 95 (2000) 135-143), which is never much larger than that of the best of them.
+        Association 95 (2000) 135-143), which is never much larger than that of the best of them. None where fewer than
+        two samples a round are left.
         """
+        if self.left < 2 * ROUNDS:
+            return []
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
         alike, values = families[first], g[first]
         known = levelled(centres, counts.astype(float), self.random())
@@ -539,12 +562,16 @@ class _Chains:
         sizes[-1] += self.left % ROUNDS
         before = 1.0 / np.unique(families).size  # share of the event that is not beyond the planes of design points
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
-        for size, share in zip(sizes, AT_ENTRANCES if design is None else AT_DESIGN):
+        for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
-            density = chosen_density(centres, known, random, alike, values).with_kernels(entrances, share)
+            density = chosen_density(centres, known, random, alike, values)
             if design is not None:
                 outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
-                before = max(before, float(np.average(outside, weights=known)))
+                now = float(np.average(outside, weights=known))
+                share += (AT_DESIGN - share) * (1.0 - now)
+                before = max(before, now)
+            density = density.with_kernels(entrances, share)
+            if design is not None:
                 share = (1.0 - before) / (1.0 - before + VARY * before)
                 density = replace(density, alpha=design.alpha, beta=design.beta, beyond=share)
             densities.append(density)

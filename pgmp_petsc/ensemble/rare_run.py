@@ -48,7 +48,6 @@ LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
-MOST_FACTOR = 20.0  # logarithm of what errors may make of a probability
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
@@ -273,14 +272,14 @@ def _of_own_error(
     value: np.ndarray,
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
-    samples nearest to it, along the curve of probabilities over levels.
+    samples nearest to it.
 
     Of an event at any time, errors are taken at their largest.
     """
-    what, (curve, shares) = "the probability", found.curve()
+    what = "the probability"
     known = np.flatnonzero(np.isfinite(value))
     nearest = known[np.argsort(np.abs(value[known] - event.level), kind="stable")[:LANES]]
-    if not (found.reached and nearest.size and curve.size):
+    if not (found.reached and nearest.size):
         return ()
     points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
     errors = OwnErrors.of_runs(of_samples(model, names), points)
@@ -293,11 +292,7 @@ def _of_own_error(
     if not np.isfinite(at).any():
         return (not_known(model.scene, what),)
     shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
-    # how far before the level, where the curve ends, the probability is e times as large
-    logs = np.log(shares[::-1])
-    far = float(np.interp(logs[0] + 1.0, logs, curve[::-1]))
-    factor = np.exp(np.clip(shift / far, -MOST_FACTOR, MOST_FACTOR)) if far > 0.0 else 1.0
-    without = found.probability * float(factor)
+    without = found.probability * found.factor_of(shift)
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 
@@ -305,14 +300,17 @@ def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
     """Return the interval of the probability, (2,), in which failed samples are outside the event at the lower end, and
     in it at the upper one: the weighted ones, and the plain ones from which the search begins."""
     ends = found.interval(confidence)
-    plain = found.levels[0].before if found.levels else found.limit_state
     if not np.isnan(found.limit_state).any():
         return ends
     own = found.limit_state[found.limit_state.size - found.weights.size :]
-    rounds = (
-        np.split(np.where(own > found.weighed, 0.0, found.weights), np.cumsum(found.rounds)[:-1]) if own.size else []
-    )
-    return intervals.with_failed(ends, rounds, int(np.sum(~np.isfinite(plain))), plain.size, confidence)
+    open_weights, rounds = np.where(own > found.weighed, 0.0, found.weights), []
+    if found.is_plain:
+        plain = own
+    else:
+        plain = found.levels[0].before if found.levels else found.limit_state
+        rounds = np.split(open_weights, np.cumsum(found.rounds)[:-1]) if own.size else []
+    n_failed, n_in = int(np.sum(~np.isfinite(plain))), int(np.sum(plain <= 0.0))
+    return intervals.with_failed(ends, rounds, n_failed, plain.size, confidence, n_in)
 
 
 def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> list[Remark]:
@@ -374,7 +372,7 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
 def _not_reached(found: RareSamples, confidence: float) -> str:
     """Return how far the samples came, and what they bound the probability by."""
     cure = "it is rarer, or cannot happen; take a larger -n, or a level that is nearer"
-    low, bound = found.interval(confidence)
+    low, bound = with_failed(found, confidence)
     if found.may_have_lost_parts:
         return (
             "not decided: the event has parts that lie apart, and searches still found more when samples for them "
@@ -382,7 +380,7 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
             f"and {bound:.3g} at most by the levels alone ({100 * confidence:g} %); take a larger -n"
         )
     said = f"the event was not reached by {len(found.levels)} levels of subset simulation"
-    if not np.isfinite(bound):
+    if not bound < 1.0:
         return f"{said}: {cure}"
     if found.is_plain:
         return (
@@ -392,8 +390,8 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
     if found.is_weak and not found.weighed > 0.0:
         return (
             f"the event was found, but its {found.weights.size} weighted samples are worth {found.n_effective:.2g} "
-            f"equally weighted ones, of which no probability follows; of {found.levels[0].before.size} plain random "
-            f"samples none is in it: at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
+            f"equally weighted ones, of which no probability follows; by {found.levels[0].before.size} plain random "
+            f"samples it is at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
         )
     return (
         f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "

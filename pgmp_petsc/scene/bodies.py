@@ -10,12 +10,13 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from pgmp_petsc.scene.fields import (
     Along,
     Angle,
     Axis,
+    Inertia,
     Integer,
     Name,
     Number,
@@ -25,12 +26,10 @@ from pgmp_petsc.scene.fields import (
     Triple,
     Vector,
     at_most,
-    either,
     exactly_one,
     is_number,
     no_parameter,
     refusal,
-    sensible_numbers,
 )
 from pgmp_petsc.scene.sections import SECTIONS, Section
 from pgmp_petsc.scene.units import UnknownUnit, measure
@@ -119,35 +118,6 @@ class Matrices(Table):
 MOMENTS = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
 ROUNDED = 3e-3  # of the largest moment: moments of flat bodies of three figures may be off by so much
 SINGULAR = 1e-12  # of the largest moment: one below is zero
-
-
-def _inertia(value: object) -> object:
-    several = isinstance(value, (list, tuple))
-    numbers = list(value) if several else [value]
-    if len(numbers) != (6 if several else 1) or not all(isinstance(n, str) or is_number(n) for n in numbers):
-        raise refusal(
-            "a moment of inertia in the plane, or six entries [ixx, iyy, izz, ixy, ixz, iyz] in space, each a number "
-            "or a parameter's name, are needed"
-        )
-    if any(not isinstance(n, str) and n <= 0.0 for n in numbers[:3]):
-        raise refusal("moments of inertia are positive")
-    return value
-
-
-Inertia = Annotated[
-    float | str | tuple[float | str, ...],
-    BeforeValidator(_inertia),
-    AfterValidator(sensible_numbers),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "number", "exclusiveMinimum": 0},
-                {"type": "string"},
-                {"type": "array", "items": either().json_schema, "minItems": 6, "maxItems": 6},
-            ]
-        }
-    ),
-]
 
 
 class Rigid(Table):

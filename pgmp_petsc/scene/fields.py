@@ -141,7 +141,7 @@ def _of_sensible_size(value: float) -> float:
     return value
 
 
-def sensible_numbers(value: object) -> object:
+def _sensible_numbers(value: object) -> object:
     """Check the size of a number, or of each in a tuple; names of parameters pass."""
     for number in value if isinstance(value, tuple) else (value,):
         if not isinstance(number, str):
@@ -217,7 +217,20 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
-def either(**bounds: float) -> WithJsonSchema:
+def _inertia(value: object) -> object:
+    several = isinstance(value, (list, tuple))
+    numbers = list(value) if several else [value]
+    if len(numbers) != (6 if several else 1) or not all(isinstance(n, str) or is_number(n) for n in numbers):
+        raise refusal(
+            "a moment of inertia in the plane, or six entries [ixx, iyy, izz, ixy, ixz, iyz] in space, each a number "
+            "or a parameter's name, are needed"
+        )
+    if any(not isinstance(n, str) and n <= 0.0 for n in numbers[:3]):
+        raise refusal("moments of inertia are positive")
+    return value
+
+
+def _either(**bounds: float) -> WithJsonSchema:
     """Return the schema, for editors, of a number within bounds, or a parameter's name."""
     return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
 
@@ -232,7 +245,7 @@ Integer = Annotated[int, Field(strict=True)]
 NumberOrParameter = Annotated[
     float | str,
     _needed("a finite number or the name of a parameter is needed", _is_number_or_name),
-    AfterValidator(sensible_numbers),
+    AfterValidator(_sensible_numbers),
     Quantified("any"),
 ]
 #: A positive number, or the name of a parameter.
@@ -242,8 +255,8 @@ PositiveOrParameter = Annotated[
         "a positive number or the name of a parameter is needed",
         lambda value: _is_number_or_name(value) and (isinstance(value, str) or value > 0),
     ),
-    AfterValidator(sensible_numbers),
-    either(exclusiveMinimum=0),
+    AfterValidator(_sensible_numbers),
+    _either(exclusiveMinimum=0),
     Quantified("positive"),
 ]
 #: A number that is not negative, or the name of a parameter.
@@ -253,8 +266,8 @@ NotNegativeOrParameter = Annotated[
         "a number that is not negative or the name of a parameter is needed",
         lambda value: _is_number_or_name(value) and (isinstance(value, str) or value >= 0),
     ),
-    AfterValidator(sensible_numbers),
-    either(minimum=0),
+    AfterValidator(_sensible_numbers),
+    _either(minimum=0),
     Quantified("not negative"),
 ]
 #: A positive number.
@@ -265,7 +278,7 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Pair = Annotated[
     tuple[float, float],
     _needed("two finite numbers in brackets are needed, such as [0.0, 1.0]", _are_numbers(2)),
-    AfterValidator(sensible_numbers),
+    AfterValidator(_sensible_numbers),
 ]
 #: A time (s), and a number or the name of a parameter.
 Row = Annotated[
@@ -274,8 +287,8 @@ Row = Annotated[
         "a finite number, and one or the name of a parameter, are needed in brackets, such as [0.0, 1.0]",
         lambda value: _is_list(value, 2) and is_number(value[0]) and _is_number_or_name(value[1]),
     ),
-    AfterValidator(sensible_numbers),
-    WithJsonSchema({"type": "array", "prefixItems": [{"type": "number"}, either().json_schema]}),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "prefixItems": [{"type": "number"}, _either().json_schema]}),
 ]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
@@ -291,7 +304,7 @@ Along = Annotated[
 Vector = Annotated[
     tuple[float, ...],
     _needed("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]", _are_numbers(2, 3)),
-    AfterValidator(sensible_numbers),
+    AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}),
 ]
 #: A place (m): two entries (x, y) in the plane, three in space, each a number or the name of a parameter.
@@ -302,8 +315,8 @@ Place = Annotated[
         "parameter's name",
         lambda value: _is_list(value, 2, 3) and all(map(_is_number_or_name, value)),
     ),
-    AfterValidator(sensible_numbers),
-    WithJsonSchema({"type": "array", "items": either().json_schema, "minItems": 2, "maxItems": 3}),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": _either().json_schema, "minItems": 2, "maxItems": 3}),
 ]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
@@ -311,10 +324,25 @@ Direction = Annotated[Vector, AfterValidator(_nonzero)]
 Triple = Annotated[
     tuple[float, float, float],
     _needed("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]", _are_numbers(3)),
-    AfterValidator(sensible_numbers),
+    AfterValidator(_sensible_numbers),
 ]
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
+#: A moment of inertia, or the six entries of a tensor, each a number or the name of a parameter.
+Inertia = Annotated[
+    float | str | tuple[float | str, ...],
+    BeforeValidator(_inertia),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "exclusiveMinimum": 0},
+                {"type": "string"},
+                {"type": "array", "items": _either().json_schema, "minItems": 6, "maxItems": 6},
+            ]
+        }
+    ),
+]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]

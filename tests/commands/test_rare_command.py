@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from runs import IN_TURN, PGMP, SMALL, paper_scene, pgmp, rom_of
 
+from pgmp_petsc.ensemble import rare_run
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
@@ -16,6 +18,8 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import json_text, summary_of
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.texts.ensemble_table import lines_of_rare_event
 
 UNCERTAIN = (
     *SMALL,
@@ -89,8 +93,6 @@ def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, foun
 
 
 def test_an_event_at_any_time_is_at_least_as_likely_as_at_the_end(model: ReducedModel) -> None:
-    from mpi4py import MPI
-
     ever = Event(output="crank_angle", above=2.4e-3, when="ever")
     result = run_rare_event(model, ever, 500, 1, MPI.COMM_SELF)
     assert result.event == "crank_angle above 2.4 mrad at any time" and result.reached
@@ -131,9 +133,25 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     assert not RareEvent.read(other).reached
 
 
-def test_parameters_that_step_have_no_design_point_and_that_is_said(model: ReducedModel) -> None:
-    from mpi4py import MPI
+def test_one_bound_is_said_everywhere_where_failed_samples_hide_the_event(
+    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*given, **named):
+        batch = run_batch(*given, **named)
+        failed = batch.outputs["crank_angle"] > 2.3e-3
+        batch.outputs["crank_angle"][failed], batch.status[failed] = np.nan, Status.NOT_CONVERGED
+        return batch
 
+    monkeypatch.setattr(rare_run, "run_batch", failing)
+    result = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 500, 1, MPI.COMM_SELF)
+    assert not result.reached and result.n_failed
+    bound = f"at most {result.interval[1]:.3g} (95 %)"
+    assert json.loads(json_text(summary_of(result)))["interval"] == [0.0, pytest.approx(result.interval[1])]
+    assert any(bound in line and "not reached" in line for line in lines_of_rare_event(result))
+    assert any(bound in remark.text for remark in result.record.remarks)
+
+
+def test_parameters_that_step_have_no_design_point_and_that_is_said(model: ReducedModel) -> None:
     law = '{name="discrete", values=[0.9, 1.0, 1.2], weights=[5, 80, 1]}'
     stepping = f"parameters.push={{nominal=1.0, distribution={law}}}"
     other = ReducedModel(paper_scene(*UNCERTAIN, stepping), model.rom)
@@ -149,8 +167,6 @@ def test_parameters_that_step_have_no_design_point_and_that_is_said(model: Reduc
 
 
 def test_shares_of_correlated_parameters_add_to_one_and_the_slope_is_that_of_the_runs(model: ReducedModel) -> None:
-    from mpi4py import MPI
-
     correlated = ReducedModel(paper_scene(*UNCERTAIN, "correlation.r1={push=-0.6}"), model.rom)
     likely = run_rare_event(correlated, Event(output="crank_angle", above=2.4e-3), 1000, 1, MPI.COMM_SELF).most_likely
     assert likely.is_exact and likely.shares.sum(axis=1) == pytest.approx(1.0)

@@ -7,7 +7,7 @@ from scipy import stats
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
 from pgmp_petsc.ensemble.rare_events import find
-from pgmp_petsc.ensemble.rare_run import with_failed
+from pgmp_petsc.ensemble.rare_run import rare_remarks, with_failed
 from pgmp_petsc.stepping.status import Status
 
 N = 400
@@ -110,6 +110,24 @@ def test_plain_samples_that_failed_may_all_be_in_the_event() -> None:
     not_reached = intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95)
     np.testing.assert_allclose(not_reached, [0.0, 1 - 0.025 ** (1 / 250)])
     assert np.isnan(intervals.of_weighted([np.zeros(4)], 0.95)).all()
+
+
+@pytest.mark.parametrize("n", [500, 2000])
+def test_an_event_behind_failed_samples_is_bounded_with_them_and_said_so(n: int) -> None:
+    """A line of one bound had another one in its warning; and chains among failures stand at one point."""
+    for seed in range(6):
+        found = find(lambda u: np.where(u[:, 0] > 1.4, np.nan, 1.6 - u[:, 0]), 4, n, seed)
+        assert not found.reached
+        low, high = with_failed(found, 0.95)
+        assert low == 0.0 and stats.norm.sf(1.6) < high < 0.25  # of 8 % that fail, by 100 or 250 plain samples
+        assert f"at most {high:.3g} (95 %)" in rare_remarks(found, np.isnan(found.limit_state), True)[0].text
+
+
+def test_first_samples_that_are_in_an_event_count_in_its_bound() -> None:
+    rounds = [np.full(100, 1e-4)]
+    ends = np.array([0.0, 0.01])
+    upper = stats.binomtest(7, 250).proportion_ci(0.95, "exact").high
+    np.testing.assert_allclose(intervals.with_failed(ends, rounds, 3, 250, 0.95, 4), [0.0, upper])
 
 
 @pytest.mark.parametrize("status", list(Status))

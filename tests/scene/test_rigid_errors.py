@@ -26,6 +26,7 @@ bodies.drum.rigid.mass="m" -> = "m": there is no such parameter
 bodies.drum.rigid.mass="m" & parameters.m={nominal=-1.0} -> \
     parameters.m.nominal = -1.0: must be positive, because bodies.drum.rigid.mass uses it
 bodies.drum.rigid.mass="m" & parameters.m={nominal=1.0, unit="m"} -> parameters.m.unit = "m": | kg
+bodies.drum={rigid={inertia=0.1}} -> bodies.drum.rigid.mass: missing; needed: mass (kg)
 bodies.drum.rigid.inertia=0.0 -> = 0.0: moments of inertia are positive
 bodies.drum.rigid.inertia="j" & parameters.j={nominal=-1.0} -> \
     parameters.j.nominal = -1.0: must be positive, because bodies.drum.rigid.inertia.izz uses it
@@ -35,7 +36,8 @@ bodies.drum.rigid.centre=[0.1, 0.0, 0.0] -> = [0.1, 0.0, 0.0]: two numbers (x, y
 bodies.drum.rigid.centre=["x", 0.0] -> = ["x", 0.0]: two finite numbers in brackets
 bodies.drum.rigid.points.rim=[0.1, 0.0, 0.0] -> = [0.1, 0.0, 0.0]: two numbers (x, y) are needed in the plane
 bodies.drum.rigid.points.centre=[0.1, 0.0] -> = [0.1, 0.0]: this point is the centre of mass; give its place as bodies
-bodies.drum.mesh="drum.msh" -> bodies.drum.rigid = { mass = 2.0, inertia = 0.03, points = { hub = [0.0, -0. ...: exactly one of mesh, line,
+bodies.drum.mesh="drum.msh" -> \
+    bodies.drum.rigid = { mass = 2.0, inertia = 0.03, points = { hub = [0.0, -0. ...: exactly one of mesh, line,
 bodies.drum.element="beam2d" -> = "beam2d": rigid says all mass properties; leave it out
 bodies.drum.material="steel" -> = "steel": rigid says all mass properties; leave it out
 bodies.drum.flexible=true -> = true: a body with rigid does not deform; leave it out

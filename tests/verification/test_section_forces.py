@@ -183,12 +183,12 @@ def test_the_answers_are_kept_with_the_model_and_count_for_its_identity(tmp_path
 def test_a_rare_event_says_what_the_models_error_does_to_it() -> None:
     event = Event(output="rod_force", when="end", above=8.0)
     found, worse = (
-        run_rare_event(one, event, 500, 1, MPI.COMM_SELF) for one in (mechanism(), without_answers(mechanism()))
+        run_rare_event(one, event, 1000, 1, MPI.COMM_SELF) for one in (mechanism(), without_answers(mechanism()))
     )
     said = [[r.text for r in one.record.remarks if "of the probability" in r.text or "own error" in r.text]
             for one in (found, worse)]  # fmt: skip
     assert said[0][0].startswith("errors of the reduced model are estimated at up to ")
     assert said[1][0].startswith("the reduced model's own error is a good part of the probability: ")
     without = float(said[1][0].split("about ")[1].split()[0])
-    # towards the better model's, by the estimate of one level's shift, which may go twice as far
-    assert 0.0 < np.log(without / worse.estimate) / np.log(found.estimate / worse.estimate) < 2.5
+    # measured 0.02 to 0.12 with four seeds; samples of both are off by 4 % each
+    assert abs(np.log(without / found.estimate)) < 0.25 * abs(np.log(worse.estimate / found.estimate))

@@ -32,7 +32,6 @@ class RigidBody(Body):
     #: its mass in space; None in the plane, and of a point mass, where `lumps` have it
     component: Component | None = None
     drawn: SolidMesh | LineMesh | None = None  # what pictures show; None where it is not known
-
     length: float | None = None  # its extent, m; None where it follows from the others
 
     flexible = False
