@@ -21,6 +21,7 @@ from two_coordinates import DOUBLE_PENDULUM
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.bodies.assembled import Assembled
+from pgmp_petsc.bodies.shape import shape_in_scene
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -76,6 +77,9 @@ KINDS = {
 FEATURES = {
     "nothing": (),
     "torque": ('effects.x={{type="torque",joint="{drive}",table=[[0.0,0.0],[1.0,1.0]],scale="strength"}}',),
+    "torque over an angle": (
+        'effects.x={{type="torque",joint="{drive}",over="{drive}",table=[[-1.0,0.2],[1.0,1.0]],scale="strength"}}',
+    ),  # fmt: skip
     "force": ('effects.x={{type="force",point="{last}:tip",direction={down},table=[[0.0,0.1],[1.0,1.0]]}}',),
     "force that follows": (
         'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',),
@@ -132,6 +136,10 @@ FEATURES = {
     "stress": ('outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
         'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',),
     "rigid first body": ("bodies.{first}.flexible=false",),
+    "mass properties": (
+        'bodies.{first}={{rigid={{mass="kilos",centre={centre},inertia={moments},points={{hinge={start},tip={end}}}}}}}',
+        'parameters.kilos={{nominal=0.5,distribution={{name="uniform",loc=0.4,scale=0.2}}}}',
+    ),  # fmt: skip
 }  # fmt: skip
 TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",
         "simulation.frames=2", "ensemble.checked_share=1.0")  # fmt: skip
@@ -141,6 +149,9 @@ def meshes_for(scene: Scene) -> dict:
     """Return the meshes of lines and bars that a scene's entries ``mesh`` describe, and ``nodes`` of matrices."""
     meshes = {}
     for name, body in scene.bodies.items():
+        if body.rigid is not None:
+            meshes[name] = shape_in_scene(scene, name)
+            continue
         first, last, n = described(body).split(":")
         if body.matrices is not None:
             meshes[name] = assembled(bar(float(first), float(last), int(n), scene.dimension))
@@ -173,7 +184,11 @@ def scene_of(kind: str, feature: str) -> Scene:
     bare = scene_from_toml(text.replace('"r1"', "5.6e-3"), ".", TINY)
     bodies, joints = list(bare.bodies), list(bare.joints)
     space = bare.dimension == 3
+    ends = [float(x) for x in described(bare.bodies[bodies[0]]).split(":")[:2]]
+    start, end, centre = ([x, *([0.0] * (2 if space else 1))] for x in (*ends, 0.5 * sum(ends)))
     words = {
+        "start": start, "end": end, "centre": centre,
+        "moments": "[4e-3,5e-3,6e-3,0.0,0.0,1e-3]" if space else "4e-3",
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
         "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",

@@ -94,3 +94,15 @@ class CartAndPole:
             return np.concatenate([y[2:], np.linalg.solve(mass, right)])
 
         return solve_ivp(rates, (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12).y[:2]
+
+#: A cart with every entry of machines: rigid bodies by their mass, formulas, a shaken base, loads over joints.
+EVERYTHING = (
+    "bodies.cart={rigid={mass=3.9,centre=[0.1,0.0],inertia=0.0138,points={hinge=[0,0],tip=[0.2,0]}}}",
+    'effects.cogging={type="law",joint="pivot",force="A * sin(12 * s) - c * v * (t > 0.1)",constants={A=0.2,c="drag"}}',
+    'effects.pull={type="law",points=["ground:origin","pole:tip"],force="-k * (s - 0.5)",constants={k=3.0}}',
+    'effects.base={type="base_motion",direction=[1.0,0.0],of="velocity",table=[[0.0,0.0],[0.2,0.1],[0.4,0.0]]}',
+    'effects.motor={type="torque",joint="pivot",over="pivot",table=[[-3.0,0.3],[0.3,0.0]]}',
+    'effects.push={type="force",joint="rail",table=[[0.0,0.0],[0.1,8.0]]}',
+    'effects.rub={type="joint_friction",joint="rail",motion="sliding",limit=0.1,speed=0.1}',
+    "parameters.drag={nominal=0.01}",
+)

@@ -12,8 +12,8 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 
+from pgmp_petsc.bodies.shape import shape_in_scene
 from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -75,11 +75,9 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 
 
 def read_meshes(scene: Scene) -> dict:
-    """Return the meshes of a scene whose entries are paths or straight lines."""
+    """Return the meshes of a scene whose entries are paths, or that need none."""
     return {
-        name: straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
-        if body.mesh is None
-        else read_line_mesh(scene.path_of(body.mesh), name)
+        name: shape_in_scene(scene, name) or read_line_mesh(scene.path_of(body.mesh), name)
         for name, body in scene.bodies.items()
     }
 

@@ -17,7 +17,7 @@ from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
 
 from pgmp_petsc.runtime import claims
-from pgmp_petsc.runtime.claims import OutputLock, check_output, claimed, lock_path
+from pgmp_petsc.runtime.claims import OutputLock, check_output, claimed, lock_path, partial_path
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, write_file
 
@@ -232,9 +232,12 @@ def test_a_dead_owner_s_lock_is_taken_over(tmp_path: Path, holder: subprocess.Po
     holder.kill()
     holder.wait()
     assert json.loads(lock_path(tmp_path / "f.h5").read_text())["pid"] == holder.pid
+    begun, other = (partial_path(tmp_path / "f.h5", process) for process in (holder.pid, os.getpid()))
+    for partial in (begun, other):  # what it was writing, and what somebody else is
+        partial.write_text("")
     with OutputLock(tmp_path / "f.h5"):
         assert json.loads(lock_path(tmp_path / "f.h5").read_text())["pid"] == os.getpid()
-    assert not any(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [other]
 
 
 def test_a_job_that_is_about_to_end_is_waited_for(tmp_path: Path, holder: subprocess.Popen[str]) -> None:

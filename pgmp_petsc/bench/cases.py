@@ -196,7 +196,7 @@ class Training:
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first; of torques and forces over time alone."""
-    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, OverTime)}
+    acting = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
     own = {name: effect.table or effect.harmonic for name, effect in acting.items()}
     peaks = {name: _peak(function) for name, function in own.items()}
     loads = [Load(OWN, "the scene's own loads", own, True)]

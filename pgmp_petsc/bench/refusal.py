@@ -12,7 +12,6 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
 from pgmp_petsc.bench.history import Ledger, Trial
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene.effects import OverTime
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause
@@ -179,7 +178,7 @@ def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list
     moving = any(state.velocity != 0.0 for state in scene.simulation.initial.values())
     rests = moving or scene.initial.equilibrium and scene.initial.coordinates == "free"
     weights = [] if rests else [name for name, effect in scene.effects.items() if effect.uniform]
-    acting = {name: effect for name, effect in scene.plain_effects.items() if isinstance(effect, OverTime)}
+    acting = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
     sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
     cures = []
     if weights:

@@ -332,6 +332,11 @@ class Body(ABC):
         """Return how the nodes turn with linear fields, shape (n_nodes, n_turns, d^2), from how they do in the mean."""
         return mean
 
+    def lost_momenta(self) -> Mapping[Monomial, np.ndarray]:
+        """Return by weight, shape (n_body_dofs, d (d + 1)), what inertia forces of `linear_fields` have beyond the mass
+        terms times these: of terms that are no multiples of each other. At the nominal values it is nothing in sum."""
+        return {}
+
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
         """Yield weights, unknowns (n_e, k) of the body alone and moments of inertia (n_e, d, d, k, k); see
         `inertia_moments`."""

@@ -6,7 +6,7 @@ span the free motion of the body, its interface's answers over the frequencies a
 (`component_modes`); so whatever the frames are joined to, at any configuration, mass and stiffness are ``T^T M T`` and
 ``T^T K T``, constant and small.
 
-A rigid body's mass about its centre of mass, from a continuum mesh, or from the lines of beams in space.
+A rigid body's mass about its centre of mass, from a continuum mesh, from the lines of beams in space, or as given.
 
 Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid
 motions R and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid
@@ -15,19 +15,21 @@ motion that has the momenta of the fields: the inertia forces of any motion are 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields, rigid_motions
+from pgmp_petsc.bodies.inertia_moments import TURNS, directors, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.floating import FloatingBody
@@ -73,6 +75,8 @@ class Component:
     #: where the body does not follow it, and of bodies read back, whose floating frames hold it
     foreshortening: np.ndarray | None = field(default=None, compare=False)
     floating: FloatingBody | None = None  # the same body in a floating frame; None of rigid bodies
+    #: of a rigid body, see `Body.lost_momenta`
+    lost_momenta: dict[Monomial, np.ndarray] = field(default_factory=dict, compare=False)
 
     def terms(self, kind: str) -> dict[Monomial, np.ndarray]:
         """Return the matrices (n, n) of ``"mass"``, ``"stiffness"`` or ``"stretching"`` by weight; none of the last
@@ -160,6 +164,49 @@ def rigid_line(name: str, mesh: LineMesh, section: BeamSection, axes: np.ndarray
     within = np.array([line * lengths**2 / 12.0, np.full(len(lengths), rotary[1]), np.full(len(lengths), rotary[0])])
     second[:3, :3] += np.einsum("e,se,eis,ejs->ij", lengths, within, axes, axes)
     return _component(dict(mesh.points), mesh.nodes, weight, second, 6 * mesh.n_nodes)
+
+
+def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, float]) -> Component:
+    """Return the component of a rigid body with given mass properties, whose points are those of `shape`.
+
+    Where entries of the inertia have several factors, no rigid motion has the momenta of a linear field in every term:
+    `fields` have those at the nominal values, and each term the rest.
+    """
+    d = given.dimension
+    n = d + len(TURNS[d])
+    parts = [(given.mass, np.diag(np.where(np.arange(n) < d, 1.0, 0.0)))]
+    for name, moment in given.moments.items():
+        i, j = MOMENTS[name] if d == 3 else (0, 0)
+        unit = np.zeros((n, n))
+        unit[d + i, d + j] = unit[d + j, d + i] = 1.0
+        parts.append((moment, unit))
+    mass: dict[Monomial, np.ndarray] = {}
+    for value, unit in parts:
+        quantity = Quantity.of(value)
+        if quantity.coefficient:
+            mass[quantity.monomial] = mass.get(quantity.monomial, 0.0) + quantity.coefficient * unit
+    matrix = sum(float(weight.evaluate(nominal)) * own for weight, own in mass.items())
+    centre = shape.nodes[0]
+
+    def momenta(term: np.ndarray) -> np.ndarray:
+        turning = term[d:, d:]
+        return _momenta(term[0, 0], centre, directors(turning) if d == 3 else 0.5 * turning[0, 0] * np.eye(2))
+
+    fields = np.linalg.solve(matrix, momenta(matrix))
+    lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
+    return Component(
+        frames=dict(shape.points),
+        centres=shape.nodes,
+        mass=mass,
+        stiffness={},
+        moments={},
+        fields=fields,
+        probes=np.zeros((n, 1)),
+        n_mesh_dofs=n,
+        error=0.0,
+        centre_of_mass=centre,
+        lost_momenta={weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()},
+    )
 
 
 def _component(

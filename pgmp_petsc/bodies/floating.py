@@ -18,7 +18,7 @@ A beam that bends becomes shorter. A body that follows that has fields of second
 
     w_k = X_k + Psi_k(X) xi + 1/2 xi^T chi_k(X) xi,
 
-M-orthogonal to the rigid motions too (`components.foreshortening`). Of their inertia what is of third order in xi or
+M-orthogonal to the rigid motions too (`components.component_modes`). Of their inertia what is of third order in xi or
 higher, their products with Psi and with each other, is left out of the kinetic energy; what is left of it is
 
     int rho X_k chi_l dV,

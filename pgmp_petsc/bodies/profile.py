@@ -122,7 +122,7 @@ class SectionScale:
     """A scale s of cross-sections."""
 
     factor: Quantity  # s, of which the mesh has 1
-    #: of the condensed body's terms, whose coordinates scale too (`components.section_coordinates`)
+    #: of the condensed body's terms, whose coordinates scale too (`components.component_modes`)
     powers: ClassVar[Mapping[str, range]] = {"mass": range(2, 5), "stiffness": range(5)}
 
     def pairs(self, dimension: int) -> Iterator[tuple[Quantity, np.ndarray]]:

@@ -1,6 +1,6 @@
 """Sources of a body: a mesh, matrices, or a body made already, condensed or in a floating frame.
 
-Meshes of bodies that are straight lines, whose length may be a parameter.
+Meshes of bodies that are straight lines, whose length may be a parameter; points of rigid bodies.
 """
 
 from __future__ import annotations
@@ -20,6 +20,25 @@ from pgmp_petsc.scene import Scene
 #: What is condensed.
 ContinuumShape = SolidMesh | Assembled
 BodyShape = LineMesh | ContinuumShape | Component | FloatingBody
+
+
+def shape_in_scene(scene: Scene, name: str) -> LineMesh | None:
+    """Return the shape of a body that a scene has without a file; None of others.
+
+    Of a body that is given by its mass properties nodes are its points, each once, the centre of mass first, and lines
+    go from there to the others.
+    """
+    body = scene.bodies[name]
+    if body.line is not None:
+        return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
+    if body.rigid is None:
+        return None
+    names, places = zip(*body.rigid.places.items())
+    nodes, first, numbers = np.unique(np.array(places), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    points = {point: int(node) for point, node in zip(names, np.argsort(order)[numbers.ravel()])}
+    ends = np.arange(1, len(nodes))
+    return LineMesh(nodes[order], np.column_stack([np.zeros_like(ends), ends]), points)
 
 
 def to_condense(shape: BodyShape) -> bool:

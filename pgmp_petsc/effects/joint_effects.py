@@ -20,7 +20,6 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.integrate import trapezoid
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
@@ -122,6 +121,8 @@ class JointDamping(OnJoint):
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
         """Return ``int s'^2 dt``."""
+        from scipy.integrate import trapezoid  # a noticeable time, and only sizes of effects need it
+
         return float(trapezoid(rate**2, time))
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
@@ -151,6 +152,8 @@ class JointFriction(OnJoint):
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
         """Return ``int |s'| dt``."""
+        from scipy.integrate import trapezoid  # as above
+
         return float(trapezoid(np.abs(rate), time))
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:

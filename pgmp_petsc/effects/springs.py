@@ -26,7 +26,6 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import block_diag
 
 from pgmp_petsc.bodies.affine import Quantity
@@ -227,6 +226,8 @@ class SpringDamper(OnJoint):
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
         """Return the energy ``s^2 / 2`` of the path; none is known where a joint turns about several axes."""
+        from scipy.integrate import cumulative_trapezoid  # a noticeable time, and only sizes of effects need it
+
         return 0.0 if turns_freely else 0.5 * float(np.ptp(cumulative_trapezoid(rate, time, initial=0.0))) ** 2
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:

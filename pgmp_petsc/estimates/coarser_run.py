@@ -30,8 +30,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
 
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.numbers import share_text
@@ -206,6 +204,8 @@ def step_errors(
     sample
         Number of the sample in it.
     """
+    from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
+
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
     n = known.size if known.all() else int(np.argmin(known))
     finite = all(np.isfinite(values).all() for values in outputs.values())
@@ -216,7 +216,8 @@ def step_errors(
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     fine = np.column_stack(list(outputs.values()))
     coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
-    differences = dict(zip(outputs, (coarse - CubicSpline(time, fine)(at)).T))
+    there = fine[: n * TIMES : TIMES] if n_steps % TIMES == 0 else CubicSpline(time, fine)(at)
+    differences = dict(zip(outputs, (coarse - there).T))
     kinked = {name for name, output in scene.outputs.items() if output.kinked}
     between, with_kinks = CubicSpline(at, coarse)(time[covered]), np.array([name in kinked for name in outputs])
     off, turns = bands.lost(fine[covered], between, ratio, with_kinks)
@@ -281,6 +282,8 @@ class Bands:
         out = apart > LOST * amplitudes
         out[..., :LOWEST] = False
         if kinked.any():
+            from scipy.ndimage import median_filter  # as above
+
             of_kinked = amplitudes[:, kinked]
             out[:, kinked] &= of_kinked > PEAK * median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))

@@ -253,7 +253,9 @@ def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, .
             *_condensed_alone(model),
         )
     cure = "pgmp tradeoff measures them"
-    if len(scene.coordinates) > MOST_COORDINATES or any(body.element != "beam2d" for body in scene.bodies.values()):
+    if len(scene.coordinates) > MOST_COORDINATES or any(
+        body.kind not in ("beam2d", "rigid") for body in scene.bodies.values()
+    ):
         cure = "compare with a finer mesh"
     return (note(f"errors of the mesh were not estimated; {cure}"),)
 

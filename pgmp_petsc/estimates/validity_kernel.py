@@ -2,7 +2,7 @@
 
 At the sampled configuration next to a state, with the weights w of a sample's own parameters and packed lower triangles
 of the stiffness, halved on the diagonal, the elastic energy and the shares by which the stiffness of mode k has changed
-(`reduction.stiffness_changes`) are
+(`reduction.tables.StiffnessChanges`) are
 
     E = sum_ij (sum_t w_t K_t)_ij delta_i delta_j,     s_k = h_k.f / sum_t w_t psi_k.K_t psi_k,     i >= j.
 

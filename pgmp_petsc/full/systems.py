@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Self
 
@@ -113,6 +114,11 @@ class FullSystem(SecondOrderSystem):
 
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
+        return self._begun.copy()
+
+    @cached_property
+    def _begun(self) -> State:
+        """The start: two runs of a system begin with it, the second for the error of the first one's step."""
         theta, rates = self._equations.initial
         if self.settled is None:
             return self.consistent(*self._equations.place(theta, rates), theta)
@@ -250,6 +256,7 @@ class FullBatch(FullSystem):
         """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
         other = copy(self)
         other._sources = self._equations.sources(effects, tuple(motions.values()))
+        vars(other).pop("_begun", None)  # under other loads it begins with other accelerations
         return other
 
     def unpack(self, array: np.ndarray) -> np.ndarray:

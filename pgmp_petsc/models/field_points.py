@@ -18,6 +18,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import stressed_bodies
 
 LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
+ROD = 0.02  # radius of the lines of a body without a section over its extent
 Values = dict[str, np.ndarray]
 
 
@@ -134,11 +135,14 @@ def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -
     stresses, here = None, body.stresses(scene)
     if here is not None:
         stresses = Stresses(here.everywhere(), here.in_middles(), here.law, here.units)
-    return FieldPoints(number, mesh, stresses, _radius(scene, body.name) if mesh.kind == "line" else None)
+    return FieldPoints(number, mesh, stresses, _radius(scene, body) if mesh.kind == "line" else None)
 
 
-def _radius(scene: Scene, name: str) -> float:
-    """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m."""
-    section = BeamSection.of(scene, name)
+def _radius(scene: Scene, body: Body) -> float:
+    """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m; of a rigid
+    body without a section one that is seen."""
+    if scene.bodies[body.name].section is None:
+        return ROD * body.extent
+    section = BeamSection.of(scene, body.name)
     resists = np.mean([float(part.at(scene.values)) for part in section.bending])
     return float(2.0 * np.sqrt(resists / float(section.axial.at(scene.values))))

@@ -206,6 +206,8 @@ class _JointAngles:
 
     def __init__(self, lanes: LengthLanes, values: Mapping[str, np.ndarray | float]) -> None:
         self._lanes, self._values = lanes, values
+        first = lanes.members[0].joint_angles
+        self.scales, self.unit = first.scales, first.unit
 
     def of(self, eta: np.ndarray) -> np.ndarray:
         """Return the angles, shape (n, n_theta)."""

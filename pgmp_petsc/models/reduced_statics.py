@@ -67,8 +67,8 @@ class ReducedStatics:
             return cause_of(self._share[sample])
         return (
             f"the deformation under the loads was, but no rigid coordinates with which the joints stand there: "
-            f"{self._away[sample]:.2g} of 1 rad, or of the size, remain. The modes may move the joint by too much for "
-            "the model; take reduction.static_modes = true or more reduction.angles and build again, or let "
+            f"{self._away[sample]:.2g} {self._angles.unit} remain. The modes may turn the joint by too much for the "
+            "model; take reduction.static_modes = true or more reduction.angles and build again, or let "
             "simulation.initial begin elsewhere"
         )
 
@@ -184,14 +184,16 @@ class JointAngles:
 
     Attributes
     ----------
-    scales
-        1 rad or the mechanism's size, shape (n_theta,).
+    scales, unit
+        1 rad or the mechanism's size, shape (n_theta,), and in words.
     """
 
     def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, scale: np.ndarray) -> None:
         self._angles = [Reading.of_coordinate(coordinate, kinematics) for coordinate in kinematics.coordinates]
         self._nodes = sorted(set().union(*(angle.nodes for angle in self._angles)))
         self._reconstruction = Reconstruction(kinematics, rom, scheme, self._nodes)
+        turn = all(coordinate.turns for coordinate in kinematics.coordinates)
+        self.unit = "rad" if turn else "of 1 rad or of the mechanism's size"
         self.scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
         self._steps = np.concatenate([TURN * self.scales, SHAPE / np.maximum(scale[self.scales.size :], 1e-300)])
 

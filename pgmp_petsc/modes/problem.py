@@ -191,6 +191,16 @@ class ModalProblem:
         parts = (motion.velocities, motion.accelerations)
         return tuple(linear_motion(self.mechanism, part)[own] for part in parts)
 
+    def lost_inertia(self, theta: np.ndarray) -> dict[Monomial, np.ndarray]:
+        """Return what inertia forces of ``d2 rho / d theta2`` at a configuration have beyond the mass terms times it
+        (`Body.lost_momenta`), by weight, local rows, shape (n_local, n_theta, n_theta); no bodies but few have any."""
+        found: dict[Monomial, np.ndarray] = {}
+        for body, own in zip(self.mechanism.bodies, self.kinematics.motion(theta).accelerations):
+            for weight, momenta in body.lost_momenta().items():
+                forces = found.setdefault(weight, np.zeros((self.mechanism.n_dofs, *own.shape[1:])))
+                forces[body.dofs] += np.tensordot(momenta, own, axes=1)
+        return {weight: forces[self.rows.start : self.rows.stop] for weight, forces in found.items()}
+
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them, or that clamped joints take up.
 

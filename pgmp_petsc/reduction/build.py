@@ -523,8 +523,11 @@ class Manifold:
         inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
         fields = problem.kinematics.motion(theta).accelerations[:, :, k, j]
         vectors, pairs = problem.all_rows(shape), np.tril_indices(shape.shape[1])
+        lost = problem.lost_inertia(theta)
         for term, weight in zip(inertia, problem.mechanism.mass_weights):
             term += self._curvature.rotary.work(fields, vectors, pairs, weight)
+            if weight in lost:
+                term += problem.inner(lost[weight][:, k, j], curvature.chi)
         return curvature.chi, SecondOrderTables(
             cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
             curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],

@@ -114,10 +114,15 @@ class Sampler:
         n_theta = modes.rigid.shape[1]
         inertia = self._times(self._mass, basis)
         accelerations = modes.rigid_curvature.reshape(len(basis), n_theta**2)
+        work = problem.inner(accelerations, inertia[..., n_theta:])
+        for weight, forces in problem.lost_inertia(theta).items():
+            work[problem.mechanism.mass_weights.index(weight)] += problem.inner(
+                forces.reshape(accelerations.shape), shape
+            )
         return Sample(
             eigenvalues=modes.eigenvalues,
             mass=_symmetric(problem.inner(basis, inertia)),
-            inertia=problem.inner(accelerations, inertia[..., n_theta:]).reshape(len(inertia), n_theta, n_theta, -1),
+            inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
             stiffness=_symmetric(problem.inner(shape, self._times(self._stiffness, shape))),
             load=problem.inner(loads, basis),
             canonical=self._canonical(modes, kept.shape[1]),

@@ -19,6 +19,7 @@ from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import dependent_loads
 from pgmp_petsc.scene.numerics import Reduction
 
+ROUND_OFF = 1e-24  # a square: of inertia forces, beside those of the largest velocity of the rigid motion
 # shares of the ranges at which loads are compared, far from every symmetry
 PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
 
@@ -80,7 +81,10 @@ class StaticLoads:
         parts = [self.patterns, _forces(problem, self.turning, modes.theta)]
         if self.accelerations.size:
             moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
-            parts.append(problem.times_mass(moving[:, self.accelerations]))
+            inertia = problem.times_mass(moving[:, self.accelerations])
+            for weight, lost in self._lost(problem, modes).items():
+                inertia += float(weight.evaluate(problem.values)) * lost
+            parts.append(inertia)
         return np.hstack(parts)
 
     def terms_at(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
@@ -91,10 +95,23 @@ class StaticLoads:
         everywhere, found = problem.all_rows(moving), {Monomial(): np.zeros((len(acting), self.accelerations.size))}
         for weight, term in problem.matrices.mass.items():
             found[weight] = term @ everywhere
+        for weight, lost in self._lost(problem, modes).items():
+            found[weight] += lost
         return {
             weight: np.hstack([acting if weight == Monomial() else np.zeros_like(acting), inertia])
             for weight, inertia in found.items()
         }
+
+
+    def _lost(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
+        """Return `ModalProblem.lost_inertia` of the accelerations, by weight, each of shape (n_local, n_inertia)."""
+        k, j = np.tril_indices(modes.rigid.shape[1])
+        found = {}
+        for weight, forces in problem.lost_inertia(modes.theta).items():
+            found[weight] = np.zeros((len(forces), self.accelerations.size))
+            curved = self.accelerations < k.size  # the others are velocities of prescribed coordinates
+            found[weight][:, curved] = forces[:, k, j][:, self.accelerations[curved]]
+        return found
 
 
 def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarray) -> np.ndarray:
@@ -124,11 +141,15 @@ def _independent_forces(problem: ModalProblem, turning: UnitForces) -> np.ndarra
 
 
 def _independent(problem: ModalProblem) -> np.ndarray:
-    """Return the numbers of the accelerations that are no combination, the same everywhere, of those before them."""
-    gram = 0.0
+    """Return the numbers of the accelerations that are no combination, the same everywhere, of those before them, and
+    more than round-off: a balanced rotor has none about its axis."""
+    gram = largest = 0.0
     for theta in _places(problem):
-        moving = _accelerations(problem, *problem.rigid_motion(theta))
+        rigid, curvature = problem.rigid_motion(theta)
+        moving = _accelerations(problem, rigid, curvature)
         gram = gram + problem.inner(moving, problem.times_mass(moving))
+        largest = largest + np.max(np.diag(problem.inner(rigid, problem.times_mass(rigid))))
+    gram[np.diag(gram) < ROUND_OFF * largest] = 0.0
     return _independent_columns(gram)
 
 
@@ -188,6 +209,8 @@ class InfluenceProbe:
         k, j = self._pairs
         moving = np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]])
         inertia = (self._mass @ problem.all_rows(moving)).reshape(-1, *moving.shape)
+        for weight, forces in problem.lost_inertia(modes.theta).items():
+            inertia[problem.mechanism.mass_weights.index(weight), :, modes.rigid.shape[1] :] += forces[:, k, j]
         found = problem.inner(answers, np.hstack([loads, turned, *-inertia]))
         self._add_rotary(modes, found[:, loads.shape[1] + turned.shape[1] :])
         return found

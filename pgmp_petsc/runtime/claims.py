@@ -69,7 +69,7 @@ class OutputLock:
     """
 
     def __init__(self, output: Path, named: str = "") -> None:
-        self._named, self._path = named or f"output file '{output}'", lock_path(output)
+        self._output, self._named, self._path = output, named or f"output file '{output}'", lock_path(output)
         self._descriptor: int | None = None
         self.held = False
 
@@ -100,6 +100,7 @@ class OutputLock:
             if not os.path.samestat(os.fstat(descriptor), os.stat(self._path)):
                 raise FileNotFoundError
             self.held = True
+            _remove_left(descriptor, self._output)
             _sign(descriptor)
         except OSError as error:
             self.held = False
@@ -115,6 +116,17 @@ class OutputLock:
 def lock_path(output: Path) -> Path:
     """Return the file of the lock on an output."""
     return output.with_name(f".{output.name}.lock")
+
+
+def partial_path(output: Path, process: int) -> Path:
+    """Return the file that a process writes before it takes the output's place."""
+    return output.with_name(f".{output.name}.{process}.partial")
+
+
+def _remove_left(descriptor: int, output: Path) -> None:
+    """Remove what an owner of the lock that was killed had begun to write."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        partial_path(output, int(json.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))["pid"])).unlink()
 
 
 def _sign(descriptor: int) -> None:

@@ -51,7 +51,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc import __version__
-from pgmp_petsc.runtime.claims import KINDS, check_output, named
+from pgmp_petsc.runtime.claims import KINDS, check_output, named, partial_path
 from pgmp_petsc.runtime.errors import InputError, Remark, RunError, from_json, shortened, to_json
 from pgmp_petsc.runtime.plugins import check_plugins, plugins_of
 from pgmp_petsc.runtime.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
@@ -230,7 +230,7 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
         Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = partial_path(path, os.getpid())
     try:
         yield partial
         if pushed:

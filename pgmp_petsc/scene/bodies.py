@@ -1,11 +1,13 @@
 """Materials and bodies.
 
-A body that is given by its assembled matrices, from another finite element program, in place of a mesh.
+A body that is given by its assembled matrices, from another finite element program, in place of a mesh; a rigid body
+that is given by its mass properties.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -14,6 +16,7 @@ from pgmp_petsc.scene.fields import (
     Along,
     Angle,
     Axis,
+    Inertia,
     Integer,
     Name,
     Number,
@@ -111,6 +114,67 @@ class Matrices(Table):
     stated: Stated | None = Field(None, description="mass properties that the matrices must have")
 
 
+#: Entries of an inertia in space, in their order; where each is in the tensor.
+MOMENTS = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+ROUNDED = 3e-3  # of the largest moment: moments of flat bodies of three figures may be off by so much
+SINGULAR = 1e-12  # of the largest moment: one below is zero
+
+
+class Rigid(Table):
+    """Mass properties of a rigid body, and its points."""
+
+    mass: PositiveOrParameter = Field(description="mass (kg), a number or a parameter's name")
+    inertia: Inertia = Field(
+        description="about the centre of mass (kg m2): in the plane izz; in space entries [ixx, iyy, izz, ixy, ixz, "
+        "iyz] of the tensor along the axes of the body's frame, of which ixy is minus the integral of x y dm; numbers "
+        "or parameters' names"
+    )
+    centre: Vector | None = Field(None, description="centre of mass in the body's frame (m); its origin if left out")
+    points: dict[Name, Vector] = Field({}, description="points by name, in the body's frame (m); centre is one")
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 3 if isinstance(self.inertia, tuple) else 2
+
+    @property
+    def moments(self) -> dict[str, float | str]:
+        """Entries of the inertia by name; in the plane ``izz`` alone."""
+        return dict(zip(MOMENTS, self.inertia)) if isinstance(self.inertia, tuple) else {"izz": self.inertia}
+
+    @property
+    def places(self) -> dict[str, np.ndarray]:
+        """Points by name, shape (d,) each, the centre of mass first, m."""
+        centre = (0.0,) * self.dimension if self.centre is None else self.centre
+        return {name: np.array(place) for name, place in ({"centre": centre} | self.points).items()}
+
+    def tensor(self, number: Callable[[float | str], float]) -> np.ndarray:
+        """Return the inertia about the centre of mass, shape (1, 1) or (3, 3), kg m2; `number` is of an entry."""
+        if self.dimension == 2:
+            return np.array([[number(self.inertia)]])
+        found = np.zeros((3, 3))
+        for name, value in self.moments.items():
+            i, j = MOMENTS[name]
+            found[i, j] = found[j, i] = number(value)
+        return found
+
+    def extent(self, number: Callable[[float | str], float]) -> float:
+        """Return the largest extent of the points along an axis, or, if it is longer, the length of the straight bar
+        with the largest radius of gyration, m."""
+        gyration = np.sqrt(np.linalg.eigvalsh(self.tensor(number))[-1] / number(self.mass))
+        return max(float(np.max(np.ptp(list(self.places.values()), axis=0))), float(np.sqrt(12.0) * gyration))
+
+    def unlike_mass(self, number: Callable[[float | str], float]) -> str:
+        """Say why nothing that has mass has this inertia; empty where something has."""
+        principal = np.linalg.eigvalsh(self.tensor(number))
+        words = ", ".join(f"{moment:.6g}" for moment in principal)
+        if principal[0] <= SINGULAR * principal[-1]:
+            return f"is not positive definite: its principal moments are {words} kg m2"
+        if principal.size > 1 and principal[2] > principal[0] + principal[1] + ROUNDED * principal[2]:
+            return f"no body has it: of the principal moments {words} kg m2 the last is above the sum of the others"
+        return ""
+
+
 MOST_ELEMENTS = 100_000
 
 
@@ -160,9 +224,13 @@ class Body(Table):
     matrices: Matrices | None = Field(
         None, description="instead of a mesh and a material, assembled matrices of another program; solids only"
     )
-    element: Literal["beam2d", "beam3d", "solid2d", "solid3d"] = Field(
+    rigid: Rigid | None = Field(
+        None, description="instead of a mesh and a material, mass, centre of mass and inertia of a rigid body"
+    )
+    element: Literal["beam2d", "beam3d", "solid2d", "solid3d"] | None = Field(
+        None,
         description="beam in the plane or in space, plane stress or solid; the cells of the mesh say which element of "
-        "its kind"
+        "its kind. Needed but with rigid",
     )
     material: str | None = Field(None, description="name of a material; not for a section given by coefficients")
     section: Section | None = Field(
@@ -187,9 +255,24 @@ class Body(Table):
     flexible: bool = Field(True, strict=True, description="false makes the body rigid")
     placement: Placement | None = Field(None, description="first guess for the assembly")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _does_not_deform(cls, data: Any) -> Any:
+        given = isinstance(data, dict) and data.get("rigid") is not None
+        return {"flexible": False, **data} if given else data
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        exactly_one(self, "mesh", "line", "matrices")
+        exactly_one(self, "mesh", "line", "matrices", "rigid")
+        if self.rigid is not None:
+            for key in ("element", "material", "section", "orientation", "thickness", "section_scale", "regions"):
+                if getattr(self, key):
+                    raise refusal("rigid says all mass properties; leave it out", key)
+            if self.flexible:
+                raise refusal("a body with rigid does not deform; leave it out", "flexible")
+            return self
+        if self.element is None:
+            raise refusal("missing; needed: beam2d, beam3d, solid2d or solid3d", "element")
         if self.matrices is not None:
             if not self.continuum:
                 raise refusal("for solid2d and solid3d only", "matrices")
@@ -206,9 +289,14 @@ class Body(Table):
         return self.element in ("solid2d", "solid3d")
 
     @property
+    def kind(self) -> str:
+        """Its element, or ``"rigid"``."""
+        return self.element or "rigid"
+
+    @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return int(self.element[-2])
+        return int(self.element[-2]) if self.rigid is None else self.rigid.dimension
 
     def _consistent_solid(self) -> Self:
         for key in ("line", "section", "orientation"):

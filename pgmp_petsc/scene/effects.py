@@ -134,6 +134,11 @@ class EffectEntry(Table):
                     yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
 
     @property
+    def is_over_time(self) -> bool:
+        """Whether it is a load whose table or harmonic is over time."""
+        return False
+
+    @property
     def is_stretching(self) -> str | None:
         """How bodies follow their shortening by bending, ``static`` or ``dynamic``; None if that is not said."""
         return None
@@ -220,6 +225,11 @@ class OverTime(EffectEntry):
     changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
     nothing_without: ClassVar[str] = "scale"
     cause: ClassVar[bool] = True
+
+    @property
+    def is_over_time(self) -> bool:
+        """Whether its table is not over the motion of its joint."""
+        return getattr(self, "over", None) is None
 
     @property
     def unit_of_values(self) -> str:

@@ -217,6 +217,19 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
+def _inertia(value: object) -> object:
+    several = isinstance(value, (list, tuple))
+    numbers = list(value) if several else [value]
+    if len(numbers) != (6 if several else 1) or not all(isinstance(n, str) or is_number(n) for n in numbers):
+        raise refusal(
+            "a moment of inertia in the plane, or six entries [ixx, iyy, izz, ixy, ixz, iyz] in space, each a number "
+            "or a parameter's name, are needed"
+        )
+    if any(not isinstance(n, str) and n <= 0.0 for n in numbers[:3]):
+        raise refusal("moments of inertia are positive")
+    return value
+
+
 def _either(**bounds: float) -> WithJsonSchema:
     """Return the schema, for editors, of a number within bounds, or a parameter's name."""
     return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
@@ -315,6 +328,21 @@ Triple = Annotated[
 ]
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
+#: A moment of inertia, or the six entries of a tensor, each a number or the name of a parameter.
+Inertia = Annotated[
+    float | str | tuple[float | str, ...],
+    BeforeValidator(_inertia),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "exclusiveMinimum": 0},
+                {"type": "string"},
+                {"type": "array", "items": _either().json_schema, "minItems": 6, "maxItems": 6},
+            ]
+        }
+    ),
+]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]

@@ -496,6 +496,7 @@ def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
         return
     if not body.flexible:
         yield problem(f"{entry}.body", "is rigid; a field needs a flexible body", field.body)
+        return
     if body.section_scale is not None:
         what = "its section_scale changes the mesh that the field is over; give numbers to one of them"
         yield problem(f"{entry}.body", what, field.body)

@@ -44,7 +44,7 @@ from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
 from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
-    from pgmp_petsc.scene.bodies import Body
+    from pgmp_petsc.scene.bodies import Body, Rigid
     from pgmp_petsc.scene.joints import Coordinate
     from pgmp_petsc.scene.schema import Scene
 
@@ -121,6 +121,8 @@ def point_problems(scene: Scene, entry: str, point: str, ground_allowed: bool) -
     elif owner not in scene.bodies:
         known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
         yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)
+    elif (rigid := scene.bodies[owner].rigid) is not None and name not in rigid.places:
+        yield unknown(entry, "point", point, [f"{owner}:{known}" for known in rigid.places])
 
 
 def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
@@ -394,11 +396,28 @@ def _bodies(scene: Scene) -> Iterator[str]:
             yield problem(f"bodies.{name}", "no joint connects it with the mechanism; add one, or leave the body out")
         if name == GROUND:
             yield problem("bodies.ground", "this name means the points fixed in space; give the body another one")
+        if body.rigid is not None:
+            yield from _mass_properties(scene, f"bodies.{name}.rigid", body.rigid)
         if body.material is not None and body.material not in scene.materials:
             yield unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
         for region, material in body.regions.items():
             if material not in scene.materials:
                 yield unknown(f"bodies.{name}.regions.{region}", "material", material, scene.materials)
+
+
+def _mass_properties(scene: Scene, entry: str, rigid: Rigid) -> Iterator[str]:
+    """Yield a line if no body has such an inertia, nominally or in a single run, or its centre is said twice."""
+    if "centre" in rigid.points:
+        words = f"this point is the centre of mass; give its place as {entry}.centre"
+        yield problem(f"{entry}.points.centre", words, list(rigid.points["centre"]))
+    moments = rigid.moments.values()
+    if rigid.dimension == 2 or any(isinstance(moment, str) and moment not in scene.parameters for moment in moments):
+        return  # said elsewhere
+    for values in (scene.nominal, scene.values):
+        why = rigid.unlike_mass(lambda moment, values=values: scene.number(moment, values))
+        if why:
+            yield problem(f"{entry}.inertia", why, list(rigid.inertia))
+            break
 
 
 def _joints(scene: Scene) -> Iterator[str]:
@@ -545,6 +564,10 @@ def _vectors(scene: Scene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if body.placement is not None and any(body.placement.origin):
             entries[f"bodies.{name}.placement.origin"] = body.placement.origin
+        if body.rigid is not None:
+            entries |= {f"bodies.{name}.rigid.points.{point}": place for point, place in body.rigid.points.items()}
+            if body.rigid.centre is not None:
+                entries[f"bodies.{name}.rigid.centre"] = body.rigid.centre
     for table in ("joints", "effects"):
         for name, entry in getattr(scene, table).items():
             direction = getattr(entry, "direction", None)
@@ -571,8 +594,12 @@ def _in_space(scene: Scene) -> Iterator[str]:
     for name, body in scene.bodies.items():
         if body.dimension == 2:
             others = ", ".join(
-                f"{other} ({entry.element})" for other, entry in scene.bodies.items() if entry.dimension == 3
+                f"{other} ({entry.kind})" for other, entry in scene.bodies.items() if entry.dimension == 3
             )
+            if body.rigid is not None:
+                words = f"is one number, for the plane, but {others} in space; there it has six entries"
+                yield problem(f"bodies.{name}.rigid.inertia", words, body.rigid.inertia)
+                continue
             yield problem(
                 f"bodies.{name}.element",
                 f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d",

@@ -77,6 +77,11 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         for key, unit in BODY.items():
             if getattr(body, key) is not None:
                 yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
+        if body.rigid is not None:
+            yield Use(f"bodies.{name}.rigid.mass", body.rigid.mass, "positive", ("kg",))
+            for key, moment in body.rigid.moments.items():
+                sign: Sign = "positive" if key[1] == key[2] else "any"
+                yield Use(f"bodies.{name}.rigid.inertia.{key}", moment, sign, ("kg m2",))
         for key in MATRICES if body.matrices is not None else ():
             yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
         for key, (sign, unit) in body.section.quantities.items() if body.section is not None else ():

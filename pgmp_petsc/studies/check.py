@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.assembled import MassProperties
+from pgmp_petsc.bodies.inertia_moments import directors
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, given_properties
 from pgmp_petsc.components.condensing import Trial, check_slender
@@ -99,7 +101,9 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     for body in mechanism.bodies:
         if not body.flexible:
             weights = ", ".join(map(str, sorted(body.mass_weights)))
-            lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
+            given = _given(mechanism.scene, body.name)
+            said = "" if given is None else f", {_properties_text(given)}"
+            lines.append(f"  body          {body.name}: rigid{said}, weights of its mass {weights}")
             continue
         stiffness = ", ".join(map(str, sorted(body.condensed_weights("stiffness"))))
         frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.face_frames.items())
@@ -114,14 +118,8 @@ def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     for name, body in meshes.items():
         found = given_properties(body)
         if found is not None:
-            centre = ", ".join(f"{x:.6g}" for x in found.centre)
-            moments = found.inertia[np.triu_indices(len(found.inertia))]
-            kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
-            inertia = ", ".join(f"{x:.6g}" for x in kept)
-            which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
             lines += [
-                f"  matrices      {name}: {found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} "
-                f"{inertia} kg m2",
+                f"  matrices      {name}: {_properties_text(found)}",
                 f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
                 f"{body.wave_speed:.4g} m/s; whether nothing else is free, and K positive, a build finds out",
             ]
@@ -133,6 +131,25 @@ def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
             over = "; ".join(f"{', '.join(points)}: means over {means[key]}" for key, points in sorted(alike.items()))
             lines.append(f"                {over}")
     return lines
+
+
+def _given(scene: Scene, name: str) -> MassProperties | None:
+    """Return what a scene says of a rigid body with the parameters' values; None of other bodies."""
+    rigid = scene.bodies[name].rigid if name in scene.bodies else None
+    if rigid is None:
+        return None
+    tensor, d = rigid.tensor(scene.number), rigid.dimension
+    second = directors(tensor) if d == 3 else 0.5 * tensor[0, 0] * np.eye(d)
+    return MassProperties(scene.number(rigid.mass), rigid.places["centre"], second)
+
+
+def _properties_text(found: MassProperties) -> str:
+    centre = ", ".join(f"{x:.6g}" for x in found.centre)
+    moments = found.inertia[np.triu_indices(len(found.inertia))]
+    kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
+    inertia = ", ".join(f"{x:.6g}" for x in kept)
+    which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
+    return f"{found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} {inertia} kg m2"
 
 
 def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
@@ -275,7 +292,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
     return {
         "scene": scene.name,
         "dimension": scene.dimension,
-        "bodies": {body.name: _body(scene, body) | _mass_of(meshes.get(body.name)) for body in mechanism.bodies},
+        "bodies": {body.name: _body(scene, body) | _mass_of(scene, body.name, meshes) for body in mechanism.bodies},
         "joints": {name: {"type": joint.type, "connect": list(joint.connect)} for name, joint in scene.joints.items()},
         "coordinates": {
             coordinate.name: {
@@ -305,13 +322,14 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
 def _body(scene: Scene, body) -> dict[str, Any]:
     """Return what kind of body it is and how large."""
     n_nodes, n_cells = body.size
-    return {"element": scene.bodies[body.name].element if body.name in scene.bodies else "point mass",
+    return {"element": scene.bodies[body.name].kind if body.name in scene.bodies else "point mass",
             "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
 
 
-def _mass_of(mesh: BodyShape | None) -> dict[str, Any]:
-    """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body from matrices, at factors of 1."""
-    found = given_properties(mesh)
+def _mass_of(scene: Scene, name: str, meshes: Mapping[str, BodyShape]) -> dict[str, Any]:
+    """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body that is given by them, or from
+    matrices, at factors of 1."""
+    found = _given(scene, name) or given_properties(meshes.get(name))
     if found is None:
         return {}
     return {"mass": found.mass, "centre": found.centre.tolist(), "inertia": found.inertia.tolist()}

@@ -6,7 +6,7 @@ that run:
 
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
 - geometric stiffening: the change of the lowest mode's stiffness by loads and inertia forces, beside its eigenvalue
-  (`reduction.stiffness_changes`); forces of springs, dampers and stops are no part of it,
+  (`reduction.tables.StiffnessChanges`); forces of springs, dampers and stops are no part of it,
 - inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on
   vibrations.
 

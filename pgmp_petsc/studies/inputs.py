@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pgmp_petsc.bodies.random_fields import field_remarks
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import read_line_mesh, straight_beam
+from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -62,8 +62,9 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodySh
 
 def _mesh_of(scene: Scene, name: str) -> BodyShape:
     body = scene.bodies[name]
-    if body.line is not None:
-        return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
+    written = shape_in_scene(scene, name)
+    if written is not None:
+        return written
     if body.matrices is not None:
         # takes a noticeable time, and only such bodies need it
         from pgmp_petsc.bodies.assembled_reading import read_assembled

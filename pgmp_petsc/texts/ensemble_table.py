@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.numbers import axis_unit, share_text
+from pgmp_petsc.results.numbers import axis_unit, plain, share_text
 from pgmp_petsc.results.numbers import interval_text as _interval
 from pgmp_petsc.results.numbers import number_text as _number
 from pgmp_petsc.results.numbers import percent as _percent
@@ -198,10 +198,10 @@ def _probability(result: RareEvent) -> Iterator[str]:
         f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], a {100 * result.confidence:g} % "
         f"interval; coefficient of variation {share_text(result.variation)}"
     )
-    plain = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
+    as_good = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
     yield (
         f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event; as many "
-        f"random samples as are as good: {plain:.2g}"
+        f"random samples as are as good: {plain(as_good)}"
     )
 
 

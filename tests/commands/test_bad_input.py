@@ -40,6 +40,10 @@ REFUSED = cases("""
     bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0
 * check RSSR & bodies.coupler.element="beam2d" -> bodies.coupler | beam2d | beam3d
 * check RSSR & bodies.coupler.line={length=5.0, elements=8} -> joints. | cannot close at theta = 0 rad | m remains
+# rigid bodies
+* check SCENE & bodies.crank={rigid={mass=-2.0, inertia=0.1}} -> bodies.crank.rigid.mass = -2.0: a positive number
+* simulate SCENE --full -o OUT & bodies.crank={rigid={mass=2.0, inertia=0.1, points={hinge=[0.0, 0.0]}}} -> \
+    joints.elbow.connect = "crank:tip": there is no such point | 'crank:hinge'
 # stresses
 * check SOLID & STRESS"rd", quantity="von_mises"} -> outputs.high.body = "rd" | mean 'rod'
 * check SCENE & STRESS"rod", quantity="von_mises"} -> \

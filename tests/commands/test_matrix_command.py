@@ -209,7 +209,7 @@ check & stiffness_scale=-1.0 -> matrices.stiffness_scale | a positive number
 check & stated={centre="here"} -> matrices.stated.centre | finite numbers in brackets
 check & bodies.rod.element="beam2d" -> bodies.rod.matrices | solid2d and solid3d
 check & bodies.rod.material="steel" -> bodies.rod.material | in the matrices already
-check & bodies.rod.mesh="rod.msh" -> exactly one of mesh, line, matrices
+check & bodies.rod.mesh="rod.msh" -> exactly one of mesh, line, matrices, rigid
 * simulate --full -> bodies.rod.matrices | --components
 tradeoff -> bodies.rod.matrices | --components
 check --effects -> third derivative | bodies.rod.matrices

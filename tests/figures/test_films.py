@@ -201,7 +201,7 @@ def test_the_film_of_a_mode(tmp_path: Path) -> None:
     )
     for words, message in {
         ("theta=nan",): "--at theta=nan: needed is NAME=VALUE",
-        ("theta=1e9",): "--at theta=1e+09: allowed are angles up to 1e+06 rad",
+        ("theta=1e9",): "--at theta=1e+09: allowed is up to 1e+06 rad",
         ("theta=1", "theta=2"): "--at theta=2: 'theta' is there twice; give it once",
     }.items():
         places = [word for value in words for word in ("--at", value)]

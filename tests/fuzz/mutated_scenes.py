@@ -24,10 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from machine_scenes import EVERYTHING, cart
 from mpi4py import MPI
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -92,10 +94,11 @@ def prepare(folder: Path) -> Path:
 
 
 def bases() -> list[dict[str, Any]]:
-    """Return the tables of the shipped scenes, with short ranges, so that assembling takes no time."""
+    """Return the tables of the shipped scenes, and of a machine with all that slides, with short ranges, so that
+    assembling takes no time."""
     found = []
-    for path in sorted((ROOT / "scenes").glob("*.toml")):
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    texts = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "scenes").glob("*.toml"))]
+    for data in map(tomllib.loads, (*texts, scene_to_toml(cart(*EVERYTHING)))):
         for name, coordinate in data["coordinates"].items():
             start = data.get("simulation", {}).get("initial", {}).get(name, {}).get("position", 0.5)
             coordinate.update(range=[start - 0.05, start + 0.05], periodic=False)

@@ -47,7 +47,8 @@ outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 bodies.crank.section={shape='circle', radius=0.01} -> = { shape = "circle", radius = 0.01 }: solid2d takes its shape
 bodies.crank={line={length=0.3, elements=4}, element='solid2d', material='steel'} -> \
     bodies.crank.line = { length = 0.3, elements = 4 }: solid2d takes its shape from a mesh; line is for beam2d
-bodies.crank.line={length=0.3, elements=4} -> = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices is
+bodies.crank.line={length=0.3, elements=4} -> \
+    = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices, rigid
 bodies.crank={mesh='a.msh', element='solid2d', thickness=0.01} -> bodies.crank.material: missing; needed: name of a
 bodies.rod.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
 bodies.rod.regions={core='stel'} -> bodies.rod.regions.core = "stel": there is no such material; did you mean 'steel'?
@@ -64,7 +65,8 @@ joints.elbow.axis=[0, 0, 1] -> = [0.0, 0.0, 1.0]: for mechanisms in space; in th
 bodies.crank.section={shape='circle', radius=0.01} -> = { shape = "circle", radius = 0.01 }: solid3d takes its shape
 bodies.crank={line={length=0.3, elements=4}, element='solid3d', material='steel'} -> \
     bodies.crank.line = { length = 0.3, elements = 4 }: solid3d takes its shape from a mesh; line is for beam3d
-bodies.crank.line={length=0.3, elements=4} -> = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices is
+bodies.crank.line={length=0.3, elements=4} -> \
+    = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices, rigid
 bodies.crank={mesh='a.msh', element='solid3d', thickness=0.01} -> bodies.crank.material: missing; needed: name of a
 bodies.rod.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
 bodies.rod.regions={core='stel'} -> bodies.rod.regions.core = "stel": there is no such material; did you mean 'steel'?

@@ -76,6 +76,19 @@ def test_outputs_that_two_coordinates_interpolate_badly_are_named() -> None:
     assert "pull 12.5 %; take more reduction.angles" in said.text
 
 
+def test_of_few_angles_along_two_coordinates_nothing_is_known() -> None:
+    rom = rom_of(double_pendulum(asked("pull", "axial_force", "at=[0.25,0.0]", "upper"), "reduction.angles=6"))
+    (said,) = (remark.text for remark in rom.record.remarks if "stress outputs" in remark.text)
+    assert "between 36 configurations" in said and "pull not known; take more reduction.angles" in said
+
+
+def test_angles_that_a_tolerance_finds_are_left_to_it() -> None:
+    rod = asked("rod_force", "axial_force", "at=[0.35,0.0]", "rod")
+    rom = rom_of(numbered(0.7, rod, "reduction.angles=12", "reduction.sampling_tolerance=10.0"))
+    (said,) = (remark.text for remark in rom.record.remarks if "stress outputs" in remark.text)
+    assert "between 24 configurations" in said and said.endswith("take a smaller reduction.sampling_tolerance")
+
+
 def test_angles_that_do_not_help_are_not_added_for_ever(monkeypatch) -> None:
     left = iter((0.5, 0.4, 0.3))
     monkeypatch.setattr(angles, "stress_errors", lambda *_: {"rod_force": next(left)})

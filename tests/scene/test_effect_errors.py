@@ -116,7 +116,8 @@ effects.e={type="geometric_stiffening"} & effects.f={type="mode_inertia"} & \
 effects.g={type="gyroscopic", keep=false} & reduction.second_order=true -> effects.g.keep = false: leaves out the forces
 bodies.rod.material="steel" -> = "steel": a section given by coefficients has no material
 bodies.rod.section={shape="circle", radius=1e-2} -> bodies.rod.material: missing; needed: name of a material
-bodies.rod.mesh="rod.msh" -> bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line, matrices is
+bodies.rod.mesh="rod.msh" -> \
+    bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line, matrices, rigid
 bodies.rod.line.elements=0 -> = 0: must be at least 1
 bodies.crank.flexible=true -> \
     bodies.crank.section = { shape = "coefficients", axial = 1.0, shear = 1.0, bend ...: a flexible body needs

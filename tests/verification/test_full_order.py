@@ -9,6 +9,7 @@ from elimination import Beams, chain, circle
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 from scipy.special import ellipk
 
+from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
@@ -54,6 +55,17 @@ def at_reference_times(step: float) -> np.ndarray:
     rows = np.rint(REFERENCE[:, 0] / (times[1] - times[0])).astype(int)
     np.testing.assert_allclose(times[rows], REFERENCE[:, 0], rtol=1e-12)
     return np.array([outputs[name][rows, 0] for name in ("crank_angle", "slider_position", "slider_deformation")])
+
+
+def test_a_batch_under_other_loads_begins_with_their_accelerations() -> None:
+    tables = (f"effects.motor.table=[[0.0, {torque}], [1.0, {torque}]]" for torque in (0.1, 0.2))
+    model, pushed = (full_model(slider_crank(table)) for table in tables)
+    one, other = (m.batch(samples(m.scene, 1), 1) for m in (model, pushed))
+    first = one.start()
+    first.q[:] = np.nan  # a copy
+    found = one.under(effects_of(pushed.scene, pushed.kinematics.mechanism), {}).start()
+    np.testing.assert_array_equal(found.a, other.start().a)
+    assert np.isfinite(one.start().q).all() and np.abs(found.a - one.start().a).max() > 1.0
 
 
 def test_the_published_trajectory_with_steps_of_a_millisecond() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh
-from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line
+from pgmp_petsc.bodies.component import Component, rigid_component, rigid_line, rigid_of_properties
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.inertia_moments import directors, of_directors
@@ -22,15 +22,17 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 STEP_SECONDS = 1.0e-6
+LEAST = 1e-3  # of the trace of the tensor of inertia: what a body lends at least
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigidBody(Body):
-    """A rigid body, from lines, a mesh or matrices, or a point mass."""
+    """A rigid body, from its mass properties, lines, a mesh or matrices, or a point mass."""
 
     #: its mass in space; None in the plane, and of a point mass, where `lumps` have it
     component: Component | None = None
     drawn: SolidMesh | LineMesh | None = None  # what pictures show; None where it is not known
+    length: float | None = None  # its extent, m; None where it follows from the others
 
     flexible = False
 
@@ -42,6 +44,11 @@ class RigidBody(Body):
     @classmethod
     def of(cls, scene: Scene, name: str, shape: BodyShape) -> RigidBody:
         """See `Body`; raises as `rigid_component` and `rigid_line`."""
+        given = scene.bodies[name].rigid
+        if given is not None:
+            body = cls.of_component(name, rigid_of_properties(shape, given, scene.nominal))
+            length = given.extent(lambda value: scene.number(value, scene.nominal))
+            return replace(body, shape=shape, drawn=shape, length=length)
         if isinstance(shape, LineMesh):
             section = BeamSection.of(scene, name)
             if scene.dimension == 2:
@@ -88,6 +95,8 @@ class RigidBody(Body):
     @property
     def extent(self) -> float:
         """See `Body`."""
+        if self.length is not None:
+            return self.length
         if self.component is not None:
             return self.component.extent
         # one that a single joint holds: the bar with its radius of gyration
@@ -137,11 +146,16 @@ class RigidBody(Body):
         """Lend the same moment of inertia about every axis, so little that a real body could have what is left.
 
         With the tensor of inertia J that body has ``int rho X X^T dV = 1/2 tr(J) 1 - J``, positive definite; half its
-        smallest eigenvalue is left.
+        smallest eigenvalue is left. Of a flat body, and of terms that are no bodies by themselves, it is a small share
+        of the trace of J.
         """
         mass, lent = {}, {}
+        shares = {w: float(np.linalg.eigvalsh(directors(m[3:, 3:]))[0]) for w, m in self.component.mass.items()}
+        traces = {w: float(np.trace(m[3:, 3:])) for w, m in self.component.mass.items()}
+        if any(share < LEAST * traces[w] or share < 0.0 for w, share in shares.items()):
+            shares = {w: LEAST * trace for w, trace in traces.items()}
         for weight, matrix in self.component.mass.items():
-            share = float(np.linalg.eigvalsh(directors(matrix[3:, 3:]))[0])
+            share = shares[weight]
             mass[weight] = matrix - np.diag([0.0, 0.0, 0.0, share, share, share])
             lent[weight] = LumpedMass(0.0, share)
         return replace(self, component=replace(self.component, mass=mass)), lent
@@ -149,6 +163,9 @@ class RigidBody(Body):
     def own_weights(self, kind: str) -> set[Monomial]:
         """See `Body`."""
         return set(self._mass) if kind == "mass" else set()
+
+    def _translating_weights(self) -> set[Monomial]:
+        return {weight for weight, matrix in self._mass.items() if matrix[0, 0]}
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
         """See `Body`."""
@@ -165,6 +182,10 @@ class RigidBody(Body):
     def linear_fields(self) -> np.ndarray:
         """See `Body`; in space the rigid motion that has the momenta of the fields."""
         return super().linear_fields() if self.component is None else self.component.fields
+
+    def lost_momenta(self) -> Mapping[Monomial, np.ndarray]:
+        """See `Body`."""
+        return {} if self.component is None else self.component.lost_momenta
 
     def moments(self) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
         """See `Body`."""

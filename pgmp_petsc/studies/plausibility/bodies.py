@@ -10,8 +10,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.shape import BodyShape, given_properties
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
+from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
+from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.surroundings import alone
@@ -41,18 +41,18 @@ class Size:
 
 
 def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
-    """Return the proportions of bodies whose mesh is given, and of all straight beams."""
+    """Return the proportions of bodies whose mesh is given, or in the scene."""
     of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}
-    return {name: of[type(mesh)](scene, name, mesh) for name, mesh in _with_lines(scene, meshes).items()}
+    return {
+        name: (of[type(mesh)] if scene.bodies[name].rigid is None else _rigid)(scene, name, mesh)
+        for name, mesh in _with_lines(scene, meshes).items()
+    }
 
 
 def _with_lines(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, BodyShape]:
-    """Return meshes that are given, with those of straight beams, which the scene has."""
-    lines = {name: body.line for name, body in scene.bodies.items() if name not in meshes and body.line is not None}
-    return dict(meshes) | {
-        name: straight_beam(scene.number(line.length), line.elements, line.start, scene.bodies[name].dimension)
-        for name, line in lines.items()
-    }
+    """Return meshes that are given, with those that the scene has."""
+    written = {name: shape_in_scene(scene, name) for name in scene.bodies if name not in meshes}
+    return dict(meshes) | {name: shape for name, shape in written.items() if shape is not None}
 
 
 def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
@@ -128,6 +128,8 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
+        if body.rigid is not None:
+            continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
@@ -200,6 +202,11 @@ def _beam(scene: Scene, name: str, mesh: LineMesh) -> Size:
         thickness = max(2.0 * float(reach.at(scene.values)) for reach in body.section.reach)
     frequency = 0.5 * math.pi * gyration * speed / length**2 if body.flexible else 0.0
     return Size(length, thickness, line_density * float(mesh.lengths.sum()), frequency)
+
+
+def _rigid(scene: Scene, name: str, _: LineMesh) -> Size:
+    given = scene.bodies[name].rigid
+    return Size(given.extent(scene.number), 0.0, scene.number(given.mass), 0.0)
 
 
 def _solid(scene: Scene, name: str, mesh: SolidMesh) -> Size:

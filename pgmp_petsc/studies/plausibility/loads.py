@@ -48,7 +48,7 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
-        if isinstance(effect, OverTime):
+        if effect.is_over_time:
             for part in parts_of(name, effect).values():
                 yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)

@@ -1,0 +1,123 @@
+"""Loads over the motion of the joint that they act on: a table of torques over an angle, or of forces over a way.
+
+Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever. The law is
+printed with its table, and is one law as all others; all of its force is counted as work.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from functools import cache
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.law import Law
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene.effects import OverTime
+
+Rows = tuple[tuple[float, float], ...]
+TURN = 2.0 * math.pi
+CLOSED = 1e-9  # rad that a whole turn may be off, and of the largest value that its ends may differ by
+PYTHON = '''"""A law over a table: its places, and values and slopes from each of them on."""
+
+from math import floor
+
+import numpy as np
+
+STIFFNESS = ""
+PLACES = np.array([{places}])
+VALUES = np.array([{values}])
+SLOPES = np.array([{slopes}])
+
+
+def evaluate(p, amplitude, s, rate, about, depths):
+    x = s - {period} * floor((s - {first}) / {turn})
+    low, high = 0, {n}
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x >= PLACES[middle]:
+            low = middle
+        else:
+            high = middle
+    slope = SLOPES[low]
+    force = VALUES[low] + slope * (x - PLACES[low])
+    return float(p[0] * force), float(-p[0] * slope), 0.0, 0.0, 0.0, float(rate)
+
+
+def slopes(p, amplitude, s, rate, found):
+    found[0] = evaluate((1.0,), amplitude, s, rate, rate, found)[0]
+    found[1] = 0.0
+    return 0.0
+
+
+def edges(p, s):
+    return ()
+
+
+C = """static void law_{name}(const double p[], double amplitude, double s, double rate, double about,
+                                 double found[]) {{
+    static const double places[] = {{{places}}};
+    static const double values[] = {{{values}}};
+    static const double slopes[] = {{{slopes}}};
+    const double x = s - {period} * floor((s - {first}) / {turn});
+    int low = 0, high = {n};
+    (void)amplitude, (void)about;
+    while (high - low > 1) {{
+        const int middle = (low + high) / 2;
+        if (x >= places[middle]) low = middle;
+        else high = middle;
+    }}
+    found[0] = p[0] * (values[low] + slopes[low] * (x - places[low]));
+    found[1] = -p[0] * slopes[low];
+    found[2] = 0.0;
+    found[3] = rate;
+}}"""
+
+COMPLETE = True
+'''
+
+
+def closes(rows: Rows) -> bool | None:
+    """Return whether a table over an angle goes on for ever; None if it is a turn long, and its ends differ."""
+    (first, value), (last, final) = rows[0], rows[-1]
+    if abs(last - first - TURN) > CLOSED:
+        return False
+    return True if abs(final - value) <= CLOSED * max(abs(one) for _, one in rows) else None
+
+
+class TableLaw(Law):
+    """A law over a table, whose code is given."""
+
+    linear_stiffness = ""
+
+    def _printed(self) -> str:
+        return self.text
+
+
+@cache
+def table_law(rows: Rows, periodic: bool) -> TableLaw:
+    """Return the law of a table; one for all effects with the same."""
+    name = f"table_{hashlib.sha256(repr((rows, periodic)).encode()).hexdigest()[:12]}"
+    law = TableLaw(name, ("scale",), force="scale", left_out="it is a table over a joint, not linear")
+    places, values = [x for x, _ in rows], [y for _, y in rows]
+    slopes = [(b - a) / (x - w) for a, b, w, x in zip(values, values[1:], places, places[1:])]
+    if not periodic:  # before the first row too it is constant
+        places, values, slopes = [places[0] - 1.0, *places], [values[0], *values], [0.0, *slopes, 0.0]
+    else:
+        places, values = places[:-1], values[:-1]
+    numbers = (", ".join(map(repr, part)) for part in (places, values, slopes))
+    turn = dict(period=TURN if periodic else 0.0, first=rows[0][0], turn=TURN, n=len(slopes), name=name)
+    text = PYTHON.format(**dict(zip(("places", "values", "slopes"), numbers)), **turn)
+    object.__setattr__(law, "text", text)
+    return law
+
+
+def over_joint(name: str, entry: OverTime, mechanism: Mechanism) -> ActionEffect:
+    """Return a load over the motion of its joint."""
+    place = joint_measure(mechanism, entry)
+    periodic = not place["statement"].is_length and bool(closes(entry.table))
+    action = Action(name, law=table_law(entry.table, periodic), parameters=(Quantity.of(entry.scale),), **place)
+    return ActionEffect(name, [action], mechanism)
