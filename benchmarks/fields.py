@@ -114,8 +114,9 @@ def rare(n_samples: int, repetitions: int, at: Sequence[float], of: Sequence[str
     for exact, (name, d, limit_state) in ((exact, one) for exact in at for one in limit_states(exact)):
         if f"{name}, {d}".startswith(tuple(of)):
             found = [find(limit_state, d, n_samples, seed) for seed in range(repetitions)]
-            rows.append([f"{name}, {d}", f"{exact:.0e}", *_figures([one for one in found if one.reached], exact)])
-            rows[-1].append(str(sum(not one.reached for one in found)))
+            reached = [one for one in found if one.reached]
+            figures = _figures(reached, exact) if reached else [""] * 8
+            rows.append([f"{name}, {d}", f"{exact:.0e}", *figures, str(len(found) - len(reached))])
     header = [
         "limit state, parameters", "probability", "bias, %", "error, %", "said, %", "intervals that hold, %",
         "width, %", "of those that miss warn", "weighted samples", "error of the levels alone, %", "not reached",
