@@ -230,6 +230,8 @@ def test_an_imbalance_that_is_a_parameter_bends_the_shaft() -> None:
     np.testing.assert_allclose(largest[0], abs(60.0**2 * 2e-4 * couple / bending), rtol=0.05)
     assert np.abs(of_components - full).max() < 1e-3 * largest[0]
     assert np.abs(reduced - full).max() < 0.035 * largest[0]
+    stiffened = scene_from_toml(ROTOR, ".", ("reduction.second_order=true",))
+    assert np.abs(run(stiffened, "reduced", 2, **values)[1]["bent"] - full).max() < 0.01 * largest[0]
 
 
 def test_a_flywheel_is_a_mass_with_its_inertia() -> None:
