@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene, summary_of_scene
+from pgmp_petsc.studies.plausibility import plausibility
 from scenes import HEADER, SLIDER_CRANK, tables
 
 MODELS = {
@@ -276,6 +277,16 @@ def test_a_thin_disc_carries_a_point_mass() -> None:
     both = [run(scene_from_toml(TOP, ".", ("simulation.duration=0.2", *more)))[1] for more in scenes]
     for name, values in both[0].items():
         np.testing.assert_allclose(both[1][name], values, rtol=0, atol=1e-8)
+
+
+def test_check_warns_of_inertia_that_samples_may_have_and_no_body_has() -> None:
+    wide = 'parameters.c.distribution={name="norm",loc=0.003,scale=0.01}'
+    for overrides, n in (((wide,), 1), ((), 0)):
+        scene = scene_from_toml(TOP, ".", overrides)
+        found = [one for one in plausibility(scene, read_meshes(scene)) if "which samples may have" in one.text]
+        assert len(found) == n
+        assert all(one.text.startswith("bodies.top.rigid.inertia = [") for one in found)
+        assert all("at c = -0.027, which samples may have, is not positive definite" in one.text for one in found)
 
 
 def test_check_says_the_mass_properties() -> None:

@@ -16,8 +16,9 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Body, Material
+from pgmp_petsc.scene.bodies import Body, Material, Rigid
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
+from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
@@ -129,6 +130,7 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                     )
             continue
         if body.rigid is not None:
+            yield from _drawn_inertia(scene, f"{entry}.rigid.inertia", body.rigid)
             continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
@@ -140,6 +142,21 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             )
         if body.flexible and body.line is not None and body.line.elements < FEW_ELEMENTS:
             yield doubt(f"{entry}.line.elements", _too_few(body.line.elements), body.line.elements)
+
+
+def _drawn_inertia(scene: Scene, entry: str, rigid: Rigid) -> Iterator[Finding]:
+    """Yield an inertia that samples may have and no body has: moments that are drawn one by one need not fit."""
+    drawn = {moment for moment in rigid.moments.values() if isinstance(moment, str)} & {*uncertain_names(scene)}
+    if not drawn or rigid.dimension == 2:
+        return
+    spanned, n = spanning_values(scene)
+    for sample in range(n):
+        values = {name: float(own[sample]) for name, own in spanned.items()}
+        why = rigid.unlike_mass(lambda moment, values=values: scene.number(moment, values))
+        if why:
+            where = ", ".join(f"{name} = {values[name]:.3g}" for name in sorted(drawn))
+            yield doubt(entry, f"at {where}, which samples may have, {why}", list(rigid.inertia))
+            return
 
 
 def bending_excess(n_elements: int) -> float:
