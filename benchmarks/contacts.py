@@ -17,11 +17,11 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table, number
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.inputs import read_rom

@@ -4,7 +4,7 @@
 
 Pieces of several sizes are integrated on one rank, with estimates of errors and without, and their processor times fit
 by a straight line in the number of samples. The pieces of `ensemble.plan` are then dealt to more and more ranks as
-`runtime.groups` deals them: one each at first, then the next one to whoever is ready. Beside it stands the scheme of
+`ranks.groups` deals them: one each at first, then the next one to whoever is ready. Beside it stands the scheme of
 rounds: batches of `ensemble.batch`, all ranks wait for the slowest of each round, and the samples that are checked are
 in one of them.
 """

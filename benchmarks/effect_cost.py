@@ -25,10 +25,10 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene

@@ -42,10 +42,10 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State

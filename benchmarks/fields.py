@@ -33,10 +33,10 @@ from pgmp_petsc.ensemble.rare_run import rare_remarks
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_scene
 
 LENGTH, N_TERMS = 0.4, 6  # correlation length over that of the interval

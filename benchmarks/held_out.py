@@ -23,8 +23,8 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.effects.loads import Force, Torque
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Harmonic
 from pgmp_petsc.stepping.generalised_alpha import count_steps

@@ -32,12 +32,12 @@ from benchmarks.effectivity import MOTOR, TORQUES
 from benchmarks.exact_oscillators import ExactOscillators, Variant, sinc
 from benchmarks.on_model import main
 from benchmarks.tables import Table, number
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.cases import Load
 from pgmp_petsc.bench.history import with_steps
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.stepping.generalised_alpha import count_steps, instants, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.inputs import read_rom

@@ -30,8 +30,8 @@ from pgmp_petsc.ensemble.sampling import Replicates
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.stopping import Rule, Seen, Stop, level_of_each, stages
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.studies.inputs import read_rom
 

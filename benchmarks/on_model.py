@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 
 
 def main(about: str, run: Callable[[Path, int], None], n_samples: int) -> None:

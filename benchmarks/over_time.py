@@ -21,6 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.integration import Watching, run_batch
@@ -28,10 +29,9 @@ from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results.estimates import VALIDITY
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.inputs import read_rom
 

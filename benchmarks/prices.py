@@ -13,11 +13,11 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.finished import step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
 from pgmp_petsc.studies.inputs import read_scene
 

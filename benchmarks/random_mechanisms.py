@@ -21,15 +21,15 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.effectivity import FACTOR, Case, compare, refer
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
 
 HEAD = """[scene]
 name = "random"

@@ -19,11 +19,11 @@ from benchmarks.tables import Table
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

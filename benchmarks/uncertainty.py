@@ -28,16 +28,16 @@ from mpi4py import MPI
 from scipy import stats
 
 from benchmarks.tables import Table
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Blocks, Replicates, Sampler
 from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
 from pgmp_petsc.ensemble.statistics import describe, of_event
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_rom
 
 LEVEL = 0.95

@@ -186,7 +186,7 @@ def main() -> None:
         folder = (arguments.folder or Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         python = make_environment(folder, arguments.newest)
-        absent = run(python, "-c", "from pgmp_petsc.runtime.surroundings import missing; print(*missing())").stdout.split()
+        absent = run(python, "-c", "from pgmp_petsc.base.surroundings import missing; print(*missing())").stdout.split()
         print(f"without {', '.join(absent)}")
         print(f"\n{starts(python).markdown()}", flush=True)
         for table in numbers(folder, python):

@@ -19,9 +19,9 @@ _CLASSES = {
     "Result": "api.result",
     "Rom": "api.result",
     "StoppedRun": "api.result",
-    "PgmpError": "runtime.errors",
-    "InputError": "runtime.errors",
-    "RunError": "runtime.errors",
+    "PgmpError": "base.errors",
+    "InputError": "base.errors",
+    "RunError": "base.errors",
 }
 
 
@@ -42,7 +42,7 @@ def __getattr__(name: str) -> Any:
     if name not in modules:
         raise AttributeError(f"module 'pgmp_petsc' has no attribute '{name}'; its interface: {', '.join(modules)}")
     if modules[name].startswith("pgmp_petsc.api."):
-        import_module("pgmp_petsc.runtime.surroundings").check_variables()
+        import_module("pgmp_petsc.base.surroundings").check_variables()
     return getattr(import_module(modules[name]), name)
 
 

@@ -8,8 +8,8 @@ Each cell is a scene of `combinations`, read and checked as every command does i
 
 from combinations import FEATURES, KINDS, scene_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)

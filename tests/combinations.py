@@ -18,20 +18,20 @@ from spatial import SLIDER_CRANK as IN_SPACE
 from spatial import bar
 from two_coordinates import DOUBLE_PENDULUM
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.shape import shape_in_scene
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import estimate_effects

@@ -157,8 +157,8 @@ def parallel_scripts() -> Path:
 @pytest.fixture
 def no_plugins() -> Iterator[None]:
     """Forget the plugins of a test: other tests list what there is."""
+    from pgmp_petsc.base.plugins import IN_USE
     from pgmp_petsc.declare.ideas import FAMILIES, WHEN_GROWN
-    from pgmp_petsc.runtime.plugins import IN_USE
 
     before = [dict(zip(family.names, family.found())) for family in FAMILIES], dict(IN_USE)
     yield

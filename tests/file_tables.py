@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import Row, described
+from pgmp_petsc.files.claims import KINDS
 from pgmp_petsc.reduction.rom_file import RomFile
 from pgmp_petsc.results import READERS, EffectSizes, Selection
 from pgmp_petsc.results.ensemble import ShardSamples
-from pgmp_petsc.runtime.claims import KINDS
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"
 HEADING = "## What is in them\n"

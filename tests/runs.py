@@ -16,9 +16,9 @@ from pgmp_petsc.bodies.shape import shape_in_scene
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State

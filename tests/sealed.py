@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pgmp_petsc.runtime.seal import SIZE, seal, seal_of
+from pgmp_petsc.files.seal import SIZE, seal, seal_of
 
 
 @contextmanager

@@ -7,10 +7,10 @@ import numpy as np
 
 from pgmp_petsc import results
 from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import gradients
 from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES, Place, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
-from pgmp_petsc.runtime.files import RunRecord
 from scenes import tables
 
 SCENE = tables("""

@@ -16,15 +16,15 @@ import synthetic
 from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
 
-from pgmp_petsc.runtime import claims
-from pgmp_petsc.runtime.claims import OutputLock, check_output, claimed, lock_path, partial_path
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord, write_file
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.files import claims
+from pgmp_petsc.files.claims import OutputLock, check_output, claimed, lock_path, partial_path
+from pgmp_petsc.files.hdf5 import RunRecord, write_file
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from pgmp_petsc.runtime.claims import OutputLock
+from pgmp_petsc.files.claims import OutputLock
 with OutputLock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
@@ -33,8 +33,8 @@ with OutputLock(Path(sys.argv[1])):
 COMPETE = """
 import sys, time
 from pathlib import Path
-from pgmp_petsc.runtime import claims
-from pgmp_petsc.runtime.claims import OutputLock
+from pgmp_petsc.files import claims
+from pgmp_petsc.files.claims import OutputLock
 claims.PATIENCE = 600.0
 output, inside = Path(sys.argv[1]), Path(sys.argv[1] + ".inside")
 for _ in range(40):

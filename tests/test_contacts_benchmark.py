@@ -6,7 +6,7 @@ import pytest
 from runs import rom_of
 
 from benchmarks import contacts
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from scenes import slider_crank
 
 SMALL = (

@@ -19,8 +19,8 @@ import pytest
 from conftest import ROOT
 from handbook_blocks import Block, blocks_of, commands_of, merged, pages, shell_of, without_launcher
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.cli.main import COMMANDS
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_tables
 from pgmp_petsc.scene.loading import template_names
 from pgmp_petsc.scene.reference_page import editor_schema, reference_page

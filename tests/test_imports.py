@@ -10,17 +10,20 @@ import pytest
 from conftest import ROOT
 
 PACKAGE = ROOT / "pgmp_petsc"
-# A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
+FREE = ("base", "lanes", "ranks", "files")  # what every package may import
+# A package may import those that stand before it. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes", "outputs",
+    *FREE, "declare", "scene", "mesh", "bodies", "solvers", "components", "mechanism", "joints", "effects", "modes", "outputs",
     "reduction", "stepping", "full", "reduced", "models", "gradients", "results", "estimates", "ensemble",
     "bench", "design", "studies", "figures", "export", "c_export", "report", "texts", "api", "cli",
 )  # fmt: skip
-FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
 NEEDS = {
-    "runtime": set(),
+    "base": set(),
+    "lanes": {"base"},
+    "ranks": {"base"},
+    "files": {"base", "ranks"},
     "scene": {"declare"},
     "mesh": set(),
     "declare": set(),
@@ -68,17 +71,17 @@ def files(package: str) -> list[Path]:
 
 def test_the_page_of_architecture_has_the_rooms_in_the_order_of_imports() -> None:
     rooms = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert rooms == ["runtime", *ORDER]
+    assert rooms == [*ORDER]
 
 
 def test_every_package_has_its_place() -> None:
-    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*ORDER, "runtime"}
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*ORDER}
 
 
-@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+@pytest.mark.parametrize("package", ORDER)
 def test_imports_run_one_way(package: str) -> None:
-    allowed = {*FREE, package}
-    allowed |= NEEDS.get(package, set(ORDER[: ORDER.index(package)] if package in ORDER else ()))
+    allowed = {package, "", *NEEDS.get(package, ORDER[: ORDER.index(package)])}
+    allowed |= set() if package in FREE else set(FREE)
     for path in files(package):
         assert packages_of(path) <= allowed, f"{path.relative_to(ROOT)} imports {packages_of(path) - allowed}"
 
@@ -142,7 +145,7 @@ def test_no_petsc_after_importing() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+@pytest.mark.parametrize("package", ORDER)
 def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
     """Within functions alone, so that every module can be imported in a Python without them."""
     for path in files(package):
@@ -158,7 +161,7 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
 def test_the_command_line_calls_the_interface_and_nothing_else(path: Path) -> None:
     modules = imports_of(path, for_types=False)
     ours = {name.split(".")[1] for name in modules if name.startswith("pgmp_petsc.")}
-    assert ours <= {"api", "cli", "results", "runtime"}
+    assert ours <= {"api", "cli", "results", *FREE}
 
 
 @pytest.mark.parametrize("module", ["runs", "ensembles"])

@@ -21,10 +21,10 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.on_model import main
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.lanes.vectors import CACHE_LINE, N_POWERS, N_POWERS_OF_RIGID
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.vectors import CACHE_LINE, N_POWERS, N_POWERS_OF_RIGID
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_rom
 

@@ -24,8 +24,8 @@ from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import REDUCED_COLOUR, axis_unit, save, styled
 from pgmp_petsc.figures.trajectories import paired, trajectories
+from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
-from pgmp_petsc.runtime.ending import guarded
 
 RADII = ("0.9", "1.0", "1.1")  # of the crank, over the nominal one
 LABELS = tuple(f"r1 = {factor} r_ref" for factor in RADII)

@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.inputs import read_scene

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table, number
 from pgmp_petsc import __version__
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 
 if TYPE_CHECKING:
     from benchmarks.paper.cost import Cost

@@ -22,8 +22,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes import problem as problems
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.schema import Scene
 
 ELEMENTS = (5, 10, 20, 30, 40, 60)

@@ -26,21 +26,21 @@ from mpi4py import MPI
 
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase
+from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.agreement import on_root
+from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 

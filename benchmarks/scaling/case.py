@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.files.hdf5 import replacing
 
 FORMAT = 1
 READING, CONDENSING, BUILDING, WRITING, FRESH = "reading", "condensing", "building", "writing", "fresh"

@@ -17,6 +17,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     PALETTE,
@@ -27,8 +28,7 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.runtime.ending import guarded
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.ranks.ending import guarded
 
 PARTS = (phases.ASSEMBLY, phases.FACTORISATION, phases.EIGENSOLVER, phases.ANSWERS, phases.PROJECTION)
 ALLOWED = 1.5  # power of the unknowns

@@ -19,9 +19,9 @@ from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from benchmarks.scaling.fine_beams import TOLERANCE, FineBeams
 from benchmarks.tables import Table, number
 from pgmp_petsc import __version__
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.ending import guarded
-from pgmp_petsc.runtime.errors import InputError
 
 LIMIT = 1.5  # allowed exponent of the cost with the unknowns
 Column = tuple[str, Callable[[ScalingCase], float]]

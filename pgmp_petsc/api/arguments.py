@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pgmp_petsc.api.ranks import ranks_of
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, shortened
+from pgmp_petsc.base.errors import InputError, PgmpError, shortened
+from pgmp_petsc.ranks.agreement import agreed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

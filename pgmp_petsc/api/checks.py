@@ -12,10 +12,10 @@ from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, scene_and_meshes
+from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, counted
+from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
 
@@ -142,7 +142,7 @@ def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> Tri
 def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> EffectSizes:
     """Return the sizes of effects, bodies of continuum cells condensed as in a build. Collective on `comm`."""
     from pgmp_petsc.components.condensing import condensed
-    from pgmp_petsc.runtime.groups import RankGroup
+    from pgmp_petsc.ranks.groups import RankGroup
     from pgmp_petsc.studies.effect_sizes import estimate_effects
 
     with RankGroup.split(comm, 1) as group:

@@ -23,7 +23,7 @@ from typing import Any
 
 from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
 from pgmp_petsc.api.found import Found
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, keeping
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.fitting import fit as fitted
 from pgmp_petsc.design.goals import read_constraint, read_goal
@@ -21,8 +22,7 @@ from pgmp_petsc.design.measured_history import read_history
 from pgmp_petsc.design.optimization import designed_parameters
 from pgmp_petsc.design.optimization import optimize as designed
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.texts.gradient_tables import report_of_design, report_of_fit
 

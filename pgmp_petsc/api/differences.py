@@ -14,11 +14,11 @@ from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.files import read
 from pgmp_petsc.api.ranks import ranks_of
 from pgmp_petsc.api.result import Result
+from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.files.claims import named
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.numbers import axis_unit, share_text
 from pgmp_petsc.results.summary import plain
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.claims import named
-from pgmp_petsc.runtime.errors import InputError, counted
 
 if TYPE_CHECKING:
     from mpi4py import MPI

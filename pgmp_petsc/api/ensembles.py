@@ -20,18 +20,18 @@ from pgmp_petsc.api.requests import Correction, Request, Stopping, better_models
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import REDUCED, SOURCE, AnySource, Keeper, Origin, keeping
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.progress import announce
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import Columns
 from pgmp_petsc.ensemble.sampling import refuse_drawn
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import announce
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
 from pgmp_petsc.texts.ensemble_table import report_of_rare_event, report_of_shard
@@ -332,7 +332,7 @@ def _say_if_small(model: FullModel, ranks_per_sample: int, comm: MPI.Comm) -> No
     """Say that samples are too small to be shared among ranks, which wait for each other in every step."""
     if ranks_per_sample == 1:
         return
-    from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK  # reduced samples never need it
+    from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK  # reduced samples never need it
 
     n = model.kinematics.mechanism.n_dofs
     if n < UNKNOWNS_PER_RANK * ranks_per_sample:

@@ -14,13 +14,13 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import CORRECTIONS, MOST_CORRECTIONS, checked_scene, constants_of, left_out, tunable
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.seal import BrokenSeal, seal_of
+from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
+from pgmp_petsc.files.seal import BrokenSeal, seal_of
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def export_result(
 def _write_frames(file: Path, output: Path) -> int:
     """Describe the frames of a trajectory for ParaView; return their number. By one process."""
     from pgmp_petsc.export.xdmf import write_xdmf
-    from pgmp_petsc.runtime.files import open_file
+    from pgmp_petsc.files.hdf5 import open_file
 
     with open_file(file, KINDS) as opened:
         kind = str(opened.attrs["kind"])
@@ -171,9 +171,9 @@ def _write_frames(file: Path, output: Path) -> int:
 
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
     """Write the columns of a result; return the numbers of rows and columns. By one process."""
+    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results import READERS
     from pgmp_petsc.results.summary import columns_of, write_result
-    from pgmp_petsc.runtime.files import open_file
 
     with open_file(file, KINDS) as opened:
         kind = str(opened.attrs["kind"])
@@ -192,8 +192,8 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
 
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
+    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results.trajectory import GROUP, truncated
-    from pgmp_petsc.runtime.files import open_file
 
     with open_file(file, "trajectory") as opened:
         reduced, scene = str(opened.attrs["model"]) == "reduced", str(opened.attrs["scene"])

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, in_memory
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.files import KINDS, shapes_of
+from pgmp_petsc.files.hdf5 import KINDS, shapes_of
+from pgmp_petsc.ranks.agreement import on_root
 
 if TYPE_CHECKING:
     import h5py
     from mpi4py import MPI
 
+    from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.results import EffectSizes, Selection
-    from pgmp_petsc.runtime.files import RunRecord
 
 
 @interface(path=Argument("File of a result of any kind but a shard."))
@@ -39,7 +39,7 @@ def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
 
 def stopped_runs(*paths: Path) -> list[str]:
     """Return a line for every file that holds only a part of a run, saying why; by one process."""
-    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+    from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file
 
     lines = []
     for path in paths:
@@ -50,8 +50,8 @@ def stopped_runs(*paths: Path) -> list[str]:
 
 
 def _kind_of(path: Path) -> str:
+    from pgmp_petsc.files.hdf5 import open_file
     from pgmp_petsc.results import READERS
-    from pgmp_petsc.runtime.files import open_file
 
     with open_file(path, ("rom", *READERS)) as file:
         return str(file.attrs["kind"])
@@ -79,7 +79,7 @@ class DataSet(NamedTuple):
 class Contents:
     """Contents of a result file."""
 
-    #: path, kind: the file, and one of `runtime.claims.KINDS`
+    #: path, kind: the file, and one of `files.claims.KINDS`
     path: Path
     kind: str
     model: str  # of runs; empty where the file is of none
@@ -118,8 +118,8 @@ class Contents:
 
 
 def _contents(path: Path) -> Contents:
+    from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
     from pgmp_petsc.results import EffectSizes, Selection
-    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file, shapes_of
 
     with open_file(path, KINDS) as file, shapes_of(file):
         return Contents(
@@ -156,8 +156,8 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
     """
     if scene:
         return found.record.scene_toml.rstrip()
+    from pgmp_petsc.base.resources import Timings
     from pgmp_petsc.results.summary import origin_of
-    from pgmp_petsc.runtime.resources import Timings
 
     record, path = found.record, found.path
     parameters = ", ".join(f"{name} = {value:g}" for name, value in record.parameters.items())

@@ -13,10 +13,10 @@ from pgmp_petsc.api.declared import Argument, command, numbers_by_name
 from pgmp_petsc.api.files import stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
 from pgmp_petsc.api.result import Result, file_of
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import open_file
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.files.claims import check_output
+from pgmp_petsc.files.hdf5 import open_file
+from pgmp_petsc.ranks.agreement import agreed, on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -18,22 +18,22 @@ from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks, untold
 from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import keeping
+from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.plugins import in_use
+from pgmp_petsc.base.progress import doing
 from pgmp_petsc.bench.finished import Price, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.files.claims import check_output
+from pgmp_petsc.files.seal import identity
+from pgmp_petsc.files.steps import LABEL, Steps
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.report.budget import headline_of_build, headline_of_comparison, headline_of_ensemble, headline_of_run
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.plugins import in_use
-from pgmp_petsc.runtime.progress import doing
-from pgmp_petsc.runtime.seal import identity
-from pgmp_petsc.runtime.steps import LABEL, Steps
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene, settled
 from pgmp_petsc.studies.simulate import simulate_full

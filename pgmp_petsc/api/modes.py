@@ -13,7 +13,7 @@ from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, directory_of, keeping, model_of_rom, scene_and_meshes
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.modes_table import tabulate_modes

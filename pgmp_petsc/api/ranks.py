@@ -13,15 +13,15 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.errors import InputError, visible
-from pgmp_petsc.runtime.petsc import petsc_runs, start_mpi, start_petsc
-from pgmp_petsc.runtime.surroundings import alone, has_petsc, is_communicator
+from pgmp_petsc.base.errors import InputError, visible
+from pgmp_petsc.base.surroundings import alone, has_petsc, is_communicator
+from pgmp_petsc.ranks.ending import release_petsc
+from pgmp_petsc.ranks.petsc import petsc_runs, start_mpi, start_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from pgmp_petsc.runtime.errors import Remark
+    from pgmp_petsc.base.errors import Remark
 
 #: Gets what commands print on the way: what was chosen, and why (level INFO); remarks on results (level WARNING).
 #: The attribute `ABOUT` of its records says what they are about, `REMARK` is the remark where there is one.

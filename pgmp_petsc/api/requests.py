@@ -12,15 +12,15 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.sample_file import Columns, called, read_samples
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import outside_of, refuse_beyond
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
 

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any, Self
 from pgmp_petsc import __version__
 from pgmp_petsc.api.arguments import checked
 from pgmp_petsc.api.ranks import ranks_of
+from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.declare.records import Record
 from pgmp_petsc.declare.views import variables
+from pgmp_petsc.files.claims import claimed, form_of, is_table, named
+from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.results.summary import origin_of
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed, form_of, is_table, named
-from pgmp_petsc.runtime.errors import InputError, Remark, RunError
 
 if TYPE_CHECKING:
     import xarray
     from mpi4py import MPI
 
-    from pgmp_petsc.runtime.files import RunRecord
+    from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.scene import Scene
 
 
@@ -34,7 +34,7 @@ class Result:
     Parameters
     ----------
     kind : str
-        One of `runtime.claims.KINDS`.
+        One of `files.claims.KINDS`.
     data
         A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in SI units. None on a rank
         that was not given it.

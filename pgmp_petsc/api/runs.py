@@ -13,7 +13,7 @@ from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
-from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.gradient_tables import report as report_of_derivatives
 from pgmp_petsc.texts.models import report_of_run

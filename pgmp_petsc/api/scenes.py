@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from pgmp_petsc.api.arguments import plain
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.plugins import take
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.files.claims import check_output
+from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 from pgmp_petsc.scene.loading import describe_template, template_names, write_template
 

@@ -16,10 +16,10 @@ from pgmp_petsc.api.declared import Argument
 from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, in_memory
 from pgmp_petsc.api.scenes import changed
+from pgmp_petsc.base.errors import InputError, Remark
+from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table
 from pgmp_petsc.models import Model
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import check_folder, claimed, form_of, is_table
-from pgmp_petsc.runtime.errors import InputError, Remark
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import (
     PURPOSES,

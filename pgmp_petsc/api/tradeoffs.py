@@ -11,12 +11,12 @@ from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SCENE, directory_of, keeping, scene_and_meshes
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.candidates import FULL, QUICK
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.texts.tradeoff_table import report
 

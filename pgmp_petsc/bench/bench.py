@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
+from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
 from pgmp_petsc.bench.finished import Arrays, Finished, duration_text, step_seconds
@@ -42,16 +44,14 @@ from pgmp_petsc.bench.history import (
 )
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
-from pgmp_petsc.runtime.progress import Progress, without_progress
-from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names

@@ -25,6 +25,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
@@ -43,13 +46,10 @@ from pgmp_petsc.bench.step_choice import (
     first_steps,
 )
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers

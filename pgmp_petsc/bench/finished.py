@@ -1,7 +1,7 @@
 """Finished parts of an experiment: results of its tasks in a folder beside its file, for a run that is resumed.
 
 Every rank writes what it has finished; all ranks read what is there when a run is resumed, with any number of them
-(`runtime.checkpoint_folder`). A task is known by its description, so that the order of tasks has no part in it.
+(`files.checkpoint_folder`). A task is known by its description, so that the order of tasks has no part in it.
 
 Times of a model's runs, predicted from its size alone before anything is run.
 
@@ -33,9 +33,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.files.checkpoint_folder import SharedCheckpoint
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.checkpoint_folder import SharedCheckpoint
-from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_to_toml
 
 if TYPE_CHECKING:

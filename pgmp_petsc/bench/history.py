@@ -15,13 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.selection import Attempt
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.generalised_alpha import integrate

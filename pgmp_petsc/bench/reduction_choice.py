@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import (
     ANGLES,
@@ -23,7 +24,6 @@ from pgmp_petsc.bench.candidates import (
 )
 from pgmp_petsc.bench.history import REDUCTION, Errors, Ledger, Trial, shares_of, shares_shifted
 from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
-from pgmp_petsc.runtime.errors import InputError, RunError
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.linalg import block_diag, eigh, null_space
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bodies.affine import Monomial
@@ -41,9 +42,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.status import Status
 

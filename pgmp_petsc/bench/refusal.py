@@ -8,10 +8,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
 from pgmp_petsc.bench.history import Ledger, Trial
-from pgmp_petsc.runtime.errors import InputError
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.finished import Price
@@ -34,7 +35,6 @@ from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.generalised_alpha import count_steps

@@ -19,6 +19,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError, note
+from pgmp_petsc.base.progress import progress, without_progress
+from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bench.advice import advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
 from pgmp_petsc.bench.candidates import (
@@ -43,16 +47,12 @@ from pgmp_petsc.bench.reference import (
 )
 from pgmp_petsc.bodies.floating import PAIR_SECONDS
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, RunError, note
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress, without_progress
-from pgmp_petsc.runtime.resources import Timings
-from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.uses import length_names, with_numbers
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.lanes.compiled import njit
 
 N_PACKED = 21
 PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)

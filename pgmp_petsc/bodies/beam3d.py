@@ -44,7 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.lanes.compiled import njit
 
 N_FRAME = 12
 N_ELEMENT = 2 * N_FRAME

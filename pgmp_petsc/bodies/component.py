@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.inertia_moments import TURNS, directors, linear_fields, rigid_motions
@@ -28,7 +29,6 @@ from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.lanes.compiled import njit
 
 
 class Cells(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
@@ -15,7 +16,6 @@ from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material

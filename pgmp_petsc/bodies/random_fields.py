@@ -31,11 +31,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import RandomField
 

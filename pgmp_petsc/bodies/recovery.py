@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.compiled import njit
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.kinds.beam import Beam

@@ -15,6 +15,7 @@ from itertools import accumulate
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
@@ -38,7 +39,6 @@ from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
 from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC
 from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.files.claims import check_output, locked
+from pgmp_petsc.files.hdf5 import replacing
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian_terms
-from pgmp_petsc.runtime.claims import check_output, locked
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import replacing
 
 PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
 COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of

@@ -22,12 +22,12 @@ from click.shell_completion import CompletionItem
 from pgmp_petsc.api.arguments import Range, by_command_line
 from pgmp_petsc.api.declared import Argument, Command
 from pgmp_petsc.api.ranks import ABOUT, LOGGER, REMARK, RESULT, SCENE, WAY, petsc_is_seen_to
+from pgmp_petsc.base.errors import InputError, Remark, RunError, visible
 from pgmp_petsc.cli.session import say, take_json, take_quiet
+from pgmp_petsc.files.claims import is_table
+from pgmp_petsc.ranks.agreement import on_root
+from pgmp_petsc.ranks.petsc import petsc_runs
 from pgmp_petsc.results.summary import json_text
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import is_table
-from pgmp_petsc.runtime.errors import InputError, Remark, RunError, visible
-from pgmp_petsc.runtime.petsc import petsc_runs
 
 
 def run_command(context: click.Context, command: Command, given: Mapping[str, Any]) -> None:

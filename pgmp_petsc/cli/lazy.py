@@ -15,9 +15,9 @@ import click
 from click.shell_completion import CompletionItem
 
 from pgmp_petsc.api.found import Found, found
+from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.base.surroundings import check_variables
 from pgmp_petsc.cli.session import Session
-from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.runtime.surroundings import check_variables
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from pgmp_petsc import __version__
+from pgmp_petsc.base.errors import InputError, PgmpError, nearest_name, plain_reason, visible
+from pgmp_petsc.base.progress import beating
 from pgmp_petsc.cli.lazy import LazyGroup, found_commands
 from pgmp_petsc.cli.session import Session
-from pgmp_petsc.runtime.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
-from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason, visible
-from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
-from pgmp_petsc.runtime.progress import beating
+from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
+from pgmp_petsc.ranks.petsc import start_mpi, unused_options, unused_remark
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -149,7 +149,7 @@ def _warn(session: Session, status: int) -> None:
         if names and session.comm.rank == 0:
             print(f"pgmp: warning: {visible(unused_remark(names))}", file=sys.stderr, flush=True)
     # a command that computes nothing never loaded numba
-    compiled = sys.modules.get("pgmp_petsc.runtime.compiled")
+    compiled = sys.modules.get("pgmp_petsc.lanes.compiled")
     problem = None if compiled is None else compiled.cache_problem()
     if problem is not None and session.comm.rank == 0:
         print(f"pgmp: warning: {problem}", file=sys.stderr, flush=True)
@@ -170,7 +170,7 @@ def _usage_message(error: click.ClickException) -> str:
 def _close(closing: MPI.Comm, status: int, message: str | None) -> int:
     """Agree on the exit status and let one rank print the message. Collective on ``closing``.
 
-    Failures are meant to be agreed on within a command (:mod:`pgmp_petsc.runtime.agreement`), so every rank
+    Failures are meant to be agreed on within a command (:mod:`pgmp_petsc.ranks.agreement`), so every rank
     comes here at the same time. Where one does not, because a failure was not agreed on, the rank that failed
     does not wait for ever: it says so and ends the others.
     """

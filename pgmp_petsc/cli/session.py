@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.runtime.progress import without_progress
+from pgmp_petsc.base.progress import without_progress
+from pgmp_petsc.ranks.petsc import start_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI

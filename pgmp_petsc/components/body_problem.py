@@ -36,10 +36,10 @@ import scipy.sparse as sp
 from numpy.polynomial.legendre import legval
 from scipy.linalg import eigh
 
+from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.resources import give_back
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.petsc import aij_matrix, times
-from pgmp_petsc.runtime.resources import give_back
+from pgmp_petsc.ranks.petsc import aij_matrix, times
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor, check_complete, check_residuals
 
 if TYPE_CHECKING:

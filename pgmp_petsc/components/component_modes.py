@@ -47,6 +47,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.linalg import eigh, null_space
 
+from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
@@ -56,9 +58,7 @@ from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem, Operator, Subspace, Terms, petsc_terms
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.petsc import times
-from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.ranks.petsc import times
 
 if TYPE_CHECKING:
     from mpi4py import MPI

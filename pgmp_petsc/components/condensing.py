@@ -28,6 +28,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from scipy.linalg import eigh
 
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings, free_share
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, rigid_component
@@ -48,12 +52,8 @@ from pgmp_petsc.components.component_modes import (
     weighted_sum_dense,
 )
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening, with_second_order
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings, free_share
-from pgmp_petsc.runtime.surroundings import alone
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import points_used, stressed_bodies

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 
 FUNCTIONS = {"abs": 1, "atan": 1, "cos": 1, "exp": 1, "log": 1, "max": 2, "min": 2, "sin": 1, "sqrt": 1, "tanh": 1}
 _ARITHMETIC = (

@@ -26,8 +26,8 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema
 
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.plugins import IN_USE, Plugin
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.plugins import IN_USE, Plugin
 
 PACKAGE = "pgmp_petsc."
 PLUGIN = "pgmp_plugin_"  # modules of files that a user named begin with it

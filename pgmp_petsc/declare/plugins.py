@@ -13,10 +13,10 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
+from pgmp_petsc.base import plugins
+from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.declare.expressions import Printed
 from pgmp_petsc.declare.ideas import FAMILIES, PLUGIN, WHEN_GROWN
-from pgmp_petsc.runtime import plugins
-from pgmp_petsc.runtime.errors import InputError, shortened
 
 
 def take(file: Path) -> None:

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_ar
 
 import numpy as np
 
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
 
 if TYPE_CHECKING:
     import h5py
@@ -280,7 +280,7 @@ class Record:
         """Read what `put` wrote.
 
         Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
-        :func:`~pgmp_petsc.runtime.files.shapes_of`.
+        :func:`~pgmp_petsc.files.hdf5.shapes_of`.
         """
         taken: dict[str, Any] = {}
         for one in declared(cls):
@@ -308,14 +308,14 @@ class Record:
 
 
 class Result(Record):
-    """A record with a file of its own, of a kind of `runtime.claims.KINDS`, and a field `record`."""
+    """A record with a file of its own, of a kind of `files.claims.KINDS`, and a field `record`."""
 
     kind: ClassVar[str]
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
         """Write the file, to which `parts` add; by one process only.
 
-        Raises as :func:`~pgmp_petsc.runtime.files.write_file`.
+        Raises as :func:`~pgmp_petsc.files.hdf5.write_file`.
         """
         with write_file(path, self.kind) as file:
             self.record.write(file)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design.fitting import ends_of, limits_of
 from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
@@ -15,8 +16,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.scene.parameters import uncertain_names
 
 if TYPE_CHECKING:

@@ -27,19 +27,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, warning
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names

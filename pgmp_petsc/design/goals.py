@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, warning
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
-from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, warning
 
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}

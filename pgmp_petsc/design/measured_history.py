@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, plain_reason, shortened
+from pgmp_petsc.files.hdf5 import csv_table
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, plain_reason, shortened
-from pgmp_petsc.runtime.files import csv_table
 from pgmp_petsc.scene.fields import LARGEST
 
 TIME = "time"

@@ -18,20 +18,20 @@ from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.design.design_figures import DesignFigures, Question
 from pgmp_petsc.design.fitting import served_remarks
 from pgmp_petsc.design.goals import Dual, Outcome
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, step_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import Remark, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import correlation_matrix
 from pgmp_petsc.stepping.generalised_alpha import count_steps

@@ -45,12 +45,12 @@ from pydantic import Field, model_validator
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
+from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.runtime.errors import InputError, nearest_name
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry
 from pgmp_petsc.scene.fields import Name, NotNegative, Number, no_parameter, refusal

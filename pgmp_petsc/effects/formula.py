@@ -20,6 +20,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -28,7 +29,6 @@ from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
-from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.uses import Use

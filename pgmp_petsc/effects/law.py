@@ -30,9 +30,9 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
-from pgmp_petsc.runtime.compiled import native_address, njit, text_mark
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 
 STATE = ("s", "rate", "amplitude")
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)

@@ -28,6 +28,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.linalg import block_diag
 
+from pgmp_petsc.base.errors import Remark, note
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
@@ -37,7 +38,6 @@ from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, distance, perpendicular
-from pgmp_petsc.runtime.errors import Remark, note
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry, OnJoint
 from pgmp_petsc.scene.fields import (

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.fields import Harmonic, LoadHarmonic, LoadTable
 

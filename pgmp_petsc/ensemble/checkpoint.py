@@ -14,10 +14,10 @@ from weakref import finalize
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, RunError
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
-from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import Remark, RunError
-from pgmp_petsc.runtime.seal import BrokenSeal, identity
+from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.files.seal import BrokenSeal, identity
 
 FORMAT = 6
 # of a batch: arrays by name

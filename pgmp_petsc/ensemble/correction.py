@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.checkpoint import Columns
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
+from pgmp_petsc.files.checkpoint_folder import within_checkpoint
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
-from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
-from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.status import Status

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Kept
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
@@ -41,13 +43,11 @@ from pgmp_petsc.estimates.own_error import (
     why_not_of_full_order,
 )
 from pgmp_petsc.estimates.validity import remarks_of
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
-from pgmp_petsc.runtime.errors import Remark, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.generalised_alpha import count_steps, instants

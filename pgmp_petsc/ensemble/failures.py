@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED
 from pgmp_petsc.stepping.status import Status

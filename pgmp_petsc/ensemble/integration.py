@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
@@ -30,11 +33,8 @@ from pgmp_petsc.ensemble.watchers import (
 )
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import REDUCED, Model, of_samples
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.groups import Pulse, RankGroup, deal_to_groups
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
-from pgmp_petsc.runtime.surroundings import alone
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.stepping.drivers import check_ts_options
 from pgmp_petsc.stepping.generalised_alpha import (

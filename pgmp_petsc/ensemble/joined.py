@@ -42,9 +42,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.estimates.own_error import is_estimated
 from pgmp_petsc.estimates.reference_motion import FINER, most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
-from pgmp_petsc.runtime.errors import Remark
-from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import count_steps

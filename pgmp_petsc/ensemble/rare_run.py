@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.copulas import mixing_of
 from pgmp_petsc.ensemble.design_points import DesignPoints
@@ -24,16 +27,13 @@ from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, values_of
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, ReducedModel, of_samples
+from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, Remark, nearest_name, note, shortened, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
-from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event

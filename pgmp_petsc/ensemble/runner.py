@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.failures import Earlier
 from pgmp_petsc.ensemble.integration import Integration
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.models import Model
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.resources import Timings
 
 if TYPE_CHECKING:
     from pgmp_petsc.ensemble.correction import Better

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, nearest_name, note, shortened
 from pgmp_petsc.ensemble.plan import SampleFile
-from pgmp_petsc.runtime.errors import InputError, nearest_name, note, shortened
-from pgmp_petsc.runtime.files import csv_table
+from pgmp_petsc.files.hdf5 import csv_table
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.parameters import uncertain_names

@@ -29,10 +29,10 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.ensemble.copulas import Mixing, mixing_of
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
-from pgmp_petsc.runtime.seal import identity
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends

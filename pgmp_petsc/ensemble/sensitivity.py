@@ -20,10 +20,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.statistics import is_constant
 from pgmp_petsc.results.statistics import Sensitivity
-from pgmp_petsc.runtime.errors import Remark, note, warning
 
 IN_SLICE, FEWEST_IN_SLICE = 40, 20  # samples: as many as that, fewer where there are few slices
 FEWEST_SLICES, FEW_SLICES, MOST_SLICES = 4, 8, 25

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble
 from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.ensemble import Ensemble, Place, ShardSamples
-from pgmp_petsc.runtime.errors import InputError, Remark
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 CHECKSUM = 64  # characters

@@ -47,11 +47,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
 from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
-from pgmp_petsc.runtime.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Event

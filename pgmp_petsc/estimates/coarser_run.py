@@ -31,9 +31,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from pgmp_petsc.base.progress import Progress
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.numbers import share_text
-from pgmp_petsc.runtime.progress import Progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Observer, Run, count_steps

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
 from pgmp_petsc.estimates.reference_motion import (
     AGREED,
@@ -42,7 +43,6 @@ from pgmp_petsc.estimates.reference_motion import (
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps, integrate
 from pgmp_petsc.stepping.second_order_system import State

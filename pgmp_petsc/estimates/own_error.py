@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import FEWEST_STEPS, MOST, CoarserRun, StepErrors
 from pgmp_petsc.estimates.error_indicator import indicator_of
@@ -22,7 +23,6 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
 from pgmp_petsc.results.numbers import number_text, share_text, with_unit
-from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status

@@ -33,8 +33,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.compiled import njit
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.17

@@ -31,6 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Action, Effect, Motion
 from pgmp_petsc.effects.load import Load
@@ -39,7 +40,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import AT_REST, search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle

@@ -24,6 +24,7 @@ from functools import reduce
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.beam3d import rest_strains, strains_of
 from pgmp_petsc.bodies.body import Body
@@ -36,7 +37,6 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.estimates import VALIDITY, beyond_limit, limits_of
-from pgmp_petsc.runtime.errors import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import Observer, count_steps

@@ -18,8 +18,8 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.files import RunRecord
 
 # A picture has room for so many, of so many characters; the files have the rest.
 MOST, LONGEST = 3, 220

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import mechanism_key, tell_apart
 from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
 from pgmp_petsc.figures.ensembles import labels_of as densities_labels
@@ -22,11 +23,10 @@ from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
+from pgmp_petsc.files.claims import check_folder, check_output
+from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.runtime.claims import check_folder, check_output
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import open_file
 
 # kinds whose results have a picture each
 ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {

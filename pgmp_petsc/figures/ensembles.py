@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.style import (
@@ -45,7 +46,6 @@ from pgmp_petsc.figures.style import (
 )
 from pgmp_petsc.results import Band, Ensemble, Statistics
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 COLUMNS = 3
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble

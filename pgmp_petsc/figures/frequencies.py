@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import OF_RUNS, WITHOUT_EFFECT, tell_apart
 from pgmp_petsc.figures.mechanism import TimeColours
@@ -34,7 +35,6 @@ from pgmp_petsc.figures.style import (
     top_legend,
 )
 from pgmp_petsc.results import ModesTable, Trajectory
-from pgmp_petsc.runtime.errors import InputError
 
 # About as many crosses as can be told from the line below them.
 N_CROSSES = 24

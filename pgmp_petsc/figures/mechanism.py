@@ -24,6 +24,7 @@ from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.style import (
     MODELS,
@@ -38,7 +39,6 @@ from pgmp_petsc.figures.style import (
 )
 from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly
-from pgmp_petsc.runtime.errors import InputError
 
 PATH_COLOUR = "#D8D8D8"
 # Width of a rigid body's bar over that of a beam, and of the line inside it over the bar's.

@@ -15,12 +15,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
 from pgmp_petsc.mesh import reference_element as reference
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
-from pgmp_petsc.runtime.errors import InputError
 
 # by the beginning of a kind's name: edges, then faces or, in the plane, the cell itself, by their corners
 _SHAPES = {

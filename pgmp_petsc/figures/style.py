@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
 
 from pgmp_petsc import __version__
+from pgmp_petsc.files.hdf5 import RunRecord, replacing
 from pgmp_petsc.results.numbers import axis_unit
-from pgmp_petsc.runtime.files import RunRecord, replacing
 
 Arguments = ParamSpec("Arguments")
 

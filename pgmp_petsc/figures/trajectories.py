@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import same_case, tell_apart
 from pgmp_petsc.figures.style import (
@@ -47,7 +48,6 @@ from pgmp_petsc.figures.style import (
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
-from pgmp_petsc.runtime.errors import InputError
 
 N_CROSSES = 36
 COLUMNS = 3

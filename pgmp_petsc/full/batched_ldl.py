@@ -19,8 +19,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import fused
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import fused
 
 MOST_LISTED = 2**15  # products
 

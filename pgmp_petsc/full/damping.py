@@ -22,9 +22,9 @@ from pgmp_petsc.effects.damping import (
     amplitude_damping,
     modal_damping,
 )
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.runtime.compiled import njit
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,9 @@ import numpy as np
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
 from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.full.forces import add_entry
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items, keep, of_column
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items, keep, of_column
+from pgmp_petsc.lanes.vectors import LANES
 
 N_VECTORS = 4  # of a frame: position and directors
 N_SECTION = 6  # coefficients of stiffness, the first of a section

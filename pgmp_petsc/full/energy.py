@@ -17,8 +17,8 @@ from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import of_element
 from pgmp_petsc.full.parts import section_owners
 from pgmp_petsc.full.problem import FullEquations
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import items, sine_cosine
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import items, sine_cosine
 from pgmp_petsc.stepping.energies import Energies
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from __future__ import annotations
 
 from pgmp_petsc.full.forces import add_entry
 from pgmp_petsc.full.layout import n_pose_of, n_words, places_of, view_of
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import empty_lanes, items, keep, sine_cosine
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep, sine_cosine
 
 
 @njit(error_model="numpy")

@@ -16,9 +16,9 @@ from numba import types
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import items, keep
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import items, keep
 
 
 @njit(cache=True, apart=True, error_model="numpy")

@@ -35,11 +35,8 @@ from pgmp_petsc.full.forces import BlockActions, Loads, add_actions, add_entry, 
 from pgmp_petsc.full.layout import FloatingBodies
 from pgmp_petsc.full.node_constraints import NodeConstraints, add_constraints
 from pgmp_petsc.full.part_reference import loaded
-from pgmp_petsc.mechanism.node_statements import scratch_of
-from pgmp_petsc.mechanism.node_statements import state as statement
-from pgmp_petsc.mechanism.statement_rows import Rows
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import (
     absolute,
     beyond,
     borrowed,
@@ -51,6 +48,9 @@ from pgmp_petsc.runtime.lane_items import (
     select,
     sine_cosine,
 )
+from pgmp_petsc.mechanism.node_statements import scratch_of
+from pgmp_petsc.mechanism.node_statements import state as statement
+from pgmp_petsc.mechanism.statement_rows import Rows
 
 
 class Elements(NamedTuple):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.lanes.compiled import njit
 
 
 class FloatingBodies(NamedTuple):

@@ -21,12 +21,12 @@ import numpy as np
 
 from pgmp_petsc.full.forces import add_entry, add_entry_of_lane
 from pgmp_petsc.full.part_reference import loaded
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import items
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import PHI, Arms, CurvedTies, Products, Quadratics, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.mechanism.statement_rows import Rows
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import items
 
 if TYPE_CHECKING:
     from pgmp_petsc.full.rank_solver import Layout

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.surroundings import needs_petsc
 from pgmp_petsc.full.batched_ldl import Symbolic
 from pgmp_petsc.full.kernel import Pattern
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.petsc import petsc_solver
-from pgmp_petsc.runtime.surroundings import needs_petsc
+from pgmp_petsc.ranks.petsc import petsc_solver
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -12,8 +12,8 @@ import numpy as np
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.forces import doubt_limited, forget_rates
 from pgmp_petsc.full.kernel import correct_block, count_turns
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
 
 

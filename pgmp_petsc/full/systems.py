@@ -31,6 +31,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.effects import Effect, Held, Motion, driven
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -41,11 +43,9 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.steps import take_steps
+from pgmp_petsc.lanes.lane_items import aligned
+from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.lane_items import aligned
-from pgmp_petsc.runtime.surroundings import alone
-from pgmp_petsc.runtime.vectors import aligned_zeros
 from pgmp_petsc.stepping.alpha_step import StepsAsked, StepsTaken
 from pgmp_petsc.stepping.energies import Energies, joined
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks

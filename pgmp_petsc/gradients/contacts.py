@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import LengthLanes, ReducedModel
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.edge_search import EventLocation, Part
 from pgmp_petsc.stepping.edge_search import Place as Moment

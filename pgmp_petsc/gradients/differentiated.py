@@ -44,12 +44,12 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.models.reduced_statics import JointAngles
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.uses import velocity_names
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, State

@@ -19,9 +19,9 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.tiles import store_rows
-from pgmp_petsc.runtime.vectors import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.tiles import store_rows
+from pgmp_petsc.lanes.vectors import (
     CACHE_LINE,
     N_POWERS,
     N_POWERS_OF_RIGID,

@@ -22,13 +22,13 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.jets import fill_jets, fill_rigid_jets, n_jets, weigh
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
+from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid
 from pgmp_petsc.reduced.lagrangian_terms import fill_residual, fill_tangents
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, aligned, items
-from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, spread
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 

@@ -21,13 +21,13 @@ import numpy as np
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.effects.law import differentiate, obey
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.reduced.action_kernel import MEASURE, RATE, allocate_local, attach, project
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
-from pgmp_petsc.runtime.vectors import LANES, add, load, same_in_all_lanes, spread, store
 from pgmp_petsc.stepping.second_order_system import State
 
 DIFFERENCE = 1e-8  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_uses
 

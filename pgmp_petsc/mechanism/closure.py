@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.runtime.errors import InputError
 
 MAX_ITERATIONS = 25
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J

@@ -33,9 +33,9 @@ from functools import cached_property
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, LoopClosure
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.errors import InputError
 
 MOST_HALVINGS = 3
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle

@@ -36,8 +36,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.inertia_moments import TURNS
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.runtime.compiled import njit
 
 
 class Products(NamedTuple):

@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.closure import LoopClosure, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.runtime.errors import InputError
 
 # rad, or of the mechanism's size; Newton's method converges from a linear prediction over far larger steps
 FINE_STEP = 0.02

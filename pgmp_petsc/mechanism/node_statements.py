@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import ANGLE, MEET, Statement, U, V, W, evaluate, n_frame
-from pgmp_petsc.runtime.compiled import njit
 
 PLANAR = 3  # unknowns of a node in the plane
 

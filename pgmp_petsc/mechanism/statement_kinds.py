@@ -27,8 +27,8 @@ PYTHON = '''"""Statements about two frames, printed from their kinds."""
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import angle_of, beyond, nearest_whole, select, square_root
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import angle_of, beyond, nearest_whole, select, square_root
 
 {functions}
 

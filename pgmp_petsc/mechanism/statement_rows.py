@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.runtime.compiled import njit
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere

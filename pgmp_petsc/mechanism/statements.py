@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.declare.expressions import kept
+from pgmp_petsc.lanes.compiled import njit, text_mark
 from pgmp_petsc.mechanism.statement_kinds import Kind, print_kinds
-from pgmp_petsc.runtime.compiled import njit, text_mark
 
 KINDS = (
     Kind("MEET", "dot(u, p_b - p_a)"),

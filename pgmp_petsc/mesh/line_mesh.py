@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.mesh.reading import FARTHEST, RELATIVE_TOLERANCE, Counted, read_mesh, usable
-from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
     import meshio

@@ -36,6 +36,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.mesh.reading import MAX_REASON, check_file, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import (
@@ -45,7 +46,6 @@ from pgmp_petsc.mesh.solid_mesh_reading import (
     numbered_as_filed,
     read_abaqus_nodes,
 )
-from pgmp_petsc.runtime.errors import InputError, shortened
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"
 COMMENTS = ("**", "%", "#")

@@ -11,7 +11,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.runtime.errors import InputError, PgmpError
+from pgmp_petsc.base.errors import InputError, PgmpError
 
 if TYPE_CHECKING:
     import meshio
@@ -78,7 +78,7 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
 
 def _read_apart(path: Path, received: str) -> meshio.Mesh:
     """Read a file whose reader may not end, in another process."""
-    from pgmp_petsc.runtime.ending import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
+    from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
 
     done = run_child([sys.executable, "-c", _READER, str(path)], LONGEST_READING)
     if done.returncode == TIME_IS_OVER:

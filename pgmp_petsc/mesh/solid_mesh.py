@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.mesh.reading import Counted
 from pgmp_petsc.mesh.reference_element import reference_element
-from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

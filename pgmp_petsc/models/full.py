@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.effects import effects_of, motions_of
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
 from pgmp_petsc.full.systems import FullBatch, FullDistributed, FullStatics
@@ -23,9 +25,7 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import require_lengths, search_of, start_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.petsc import has_options
-from pgmp_petsc.runtime.seal import identity
-from pgmp_petsc.runtime.surroundings import alone
+from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import State

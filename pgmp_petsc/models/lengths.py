@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
@@ -20,7 +21,6 @@ from pgmp_petsc.models.reduced import ReducedModel, begun
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State

@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects import actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -21,7 +22,6 @@ from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.linalg import schur
 from scipy.sparse.csgraph import connected_components
 
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.base.errors import RunError
 
 EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them

@@ -39,9 +39,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.petsc import aij_matrix, times, transposed_times
+from pgmp_petsc.ranks.petsc import aij_matrix, times, transposed_times
 from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs, ShiftInvertSolver
 
 if TYPE_CHECKING:

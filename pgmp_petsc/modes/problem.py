@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion
@@ -28,8 +29,7 @@ from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.runtime.petsc import has_options
+from pgmp_petsc.ranks.petsc import has_options
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import Action, Effect
@@ -49,7 +50,6 @@ from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_
 from pgmp_petsc.mechanism.body_frames import BodyGradients, linear_motion, to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, PREFIX, ModalProblem, ModeSet
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.solvers.shift_invert import EigenPairs
 
 if TYPE_CHECKING:

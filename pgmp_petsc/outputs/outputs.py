@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.unit_systems import SI, unit_system
 

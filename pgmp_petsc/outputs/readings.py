@@ -16,6 +16,7 @@ from typing import Literal, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.joints import Connection
@@ -23,7 +24,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL, Space
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
-from pgmp_petsc.runtime.errors import InputError
 
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)

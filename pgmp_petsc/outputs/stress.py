@@ -15,12 +15,12 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import BeamLaw, BodyStresses, SolidLaw, Strains, Values
 from pgmp_petsc.mechanism.composition import bodies_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Vector
 from pgmp_petsc.scene.outputs import STRESSES, OutputEntry

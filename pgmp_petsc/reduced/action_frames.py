@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.reduced.cells import Grid, locate_all, refill
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, beyond, items, select, sine_cosine, square_root
-from pgmp_petsc.runtime.vectors import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, beyond, items, select, sine_cosine, square_root
+from pgmp_petsc.lanes.vectors import (
     N_POWERS,
     add,
     add_product,
@@ -40,6 +39,7 @@ from pgmp_petsc.runtime.vectors import (
     store,
     zeros,
 )
+from pgmp_petsc.reduced.cells import Grid, locate_all, refill
 
 SMALL = 1e-2  # of t^2, below which the first terms of the series are exact to round-off
 

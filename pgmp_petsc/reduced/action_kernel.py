@@ -17,11 +17,11 @@ import numpy as np
 
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.law import obey
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
-from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited

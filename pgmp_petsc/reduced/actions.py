@@ -12,6 +12,7 @@ from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
+from pgmp_petsc.lanes.vectors import N_POWERS
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduced.action_frames import Places
@@ -23,7 +24,6 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid
 from pgmp_petsc.reduction.tables import fine_grid
-from pgmp_petsc.runtime.vectors import N_POWERS
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import Acting, LocalEffects
 from pgmp_petsc.reduced.cells import Grid
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import empty_lanes
-from pgmp_petsc.runtime.vectors import LANES
 
 
 class Layout(NamedTuple):

@@ -10,9 +10,8 @@ what lies behind it is fetched and put back once for all of its columns.
 
 from __future__ import annotations
 
-from pgmp_petsc.reduced.arrays import upper_of
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.tiles import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.tiles import (
     backward,
     diagonal_of,
     factorise_tile,
@@ -24,7 +23,8 @@ from pgmp_petsc.runtime.tiles import (
     store_rows,
     store_tile,
 )
-from pgmp_petsc.runtime.vectors import load, load_rows, spread, store
+from pgmp_petsc.lanes.vectors import load, load_rows, spread, store
+from pgmp_petsc.reduced.arrays import upper_of
 
 WIDEST = 4
 FOUR, TWO, ONE = (0,) * WIDEST, (0,) * 2, (0,)  # tuples, so that the compiler knows how wide a tile is

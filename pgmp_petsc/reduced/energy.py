@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.reduced.lagrangian_terms import fill_energies
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.interpolation import Interpolant
-from pgmp_petsc.runtime.compiled import njit
 
 SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off
 

@@ -12,14 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.full.part_reference import loaded
-from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
-from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
-from pgmp_petsc.reduced.bordered import eliminate, solve
-from pgmp_petsc.reduced.cells import locate_all, refill
-from pgmp_petsc.reduced.lagrangian import evaluate
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import empty_lanes
-from pgmp_petsc.runtime.vectors import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
     N_POWERS,
@@ -37,6 +32,11 @@ from pgmp_petsc.runtime.vectors import (
     spread,
     store,
 )
+from pgmp_petsc.reduced.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.reduced.arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
+from pgmp_petsc.reduced.bordered import eliminate, solve
+from pgmp_petsc.reduced.cells import locate_all, refill
+from pgmp_petsc.reduced.lagrangian import evaluate
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)

@@ -40,9 +40,8 @@ Each function adds its part to the residual and, if `fresh`, to the iteration ma
 
 from __future__ import annotations
 
-from pgmp_petsc.reduced.arrays import layout_n_rigid, pair
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import (
     add,
     add_product,
     add_to_rows,
@@ -55,6 +54,7 @@ from pgmp_petsc.runtime.vectors import (
     store,
     zeros,
 )
+from pgmp_petsc.reduced.arrays import layout_n_rigid, pair
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)

@@ -28,7 +28,7 @@ from pgmp_petsc.declare.forms import (
     tangents,
     total,
 )
-from pgmp_petsc.runtime.compiled import text_mark
+from pgmp_petsc.lanes.compiled import text_mark
 
 HALF = Fraction(1, 2)
 Output = tuple[Target, str, Polynomial, str]
@@ -70,8 +70,8 @@ CONDITIONS = {
 }
 PYTHON = '''"""The Lagrangian of the reduced model, printed from its terms."""
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import add_product, add_to_rows, dot, load, load_rows, spread, store, zeros
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import add_product, add_to_rows, dot, load, load_rows, spread, store, zeros
 
 
 @njit(error_model="numpy", fastmath={{"contract"}}, counted=False)

@@ -18,12 +18,9 @@ import numpy as np
 from pgmp_petsc.effects.law import rubs
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.full.part_reference import loaded
-from pgmp_petsc.reduced.action_kernel import act, allocate_local, forget_rates, limited_lanes
-from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
-from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import empty_lanes
-from pgmp_petsc.runtime.vectors import (
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import empty_lanes
+from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
     blend,
@@ -34,6 +31,9 @@ from pgmp_petsc.runtime.vectors import (
     spread,
     store,
 )
+from pgmp_petsc.reduced.action_kernel import act, allocate_local, forget_rates, limited_lanes
+from pgmp_petsc.reduced.arrays import Strengths, acting_of, allocate, places_of
+from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
     MAX_ITERATIONS,

@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import Action, amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
 from pgmp_petsc.reduced.action_frames import KeptPlaces
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
 from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
@@ -25,8 +27,6 @@ from pgmp_petsc.reduced.energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.reduced.steps import Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.runtime.surroundings import alone
-from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros, same_in_all_lanes
 from pgmp_petsc.stepping.alpha_step import Stretch
 from pgmp_petsc.stepping.energies import Energies
 from pgmp_petsc.stepping.generalised_alpha import Observer

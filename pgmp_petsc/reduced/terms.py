@@ -27,6 +27,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.full.damping import BodyDampings
+from pgmp_petsc.lanes.vectors import N_POWERS_OF_RIGID
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduced.arrays import Layout, Tables
@@ -34,7 +35,6 @@ from pgmp_petsc.reduced.cells import Grid
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
-from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, RunError, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -29,7 +30,6 @@ from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between
-from pgmp_petsc.runtime.errors import Remark, RunError, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies

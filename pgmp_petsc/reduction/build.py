@@ -26,17 +26,25 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_remarks
+from pgmp_petsc.files.checkpoint_folder import SharedCheckpoint
+from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
 from pgmp_petsc.reduction.continuous_basis import (
@@ -61,14 +69,6 @@ from pgmp_petsc.reduction.tables import (
     mode_changes,
     rigid_inertia,
 )
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.checkpoint_folder import SharedCheckpoint
-from pgmp_petsc.runtime.errors import Remark, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
-from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies

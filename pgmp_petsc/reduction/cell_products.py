@@ -30,10 +30,10 @@ from itertools import permutations
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, store
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.stencil import N_ROWS, Axis, count_rows, lane_stencil, locate, stencil
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, load, store
 
 
 def products_of(

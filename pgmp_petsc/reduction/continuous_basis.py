@@ -32,13 +32,13 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours, procrustes
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
 from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
-from pgmp_petsc.runtime.groups import RankGroup
 
 
 @dataclass(frozen=True, eq=False)

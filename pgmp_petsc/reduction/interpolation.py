@@ -24,10 +24,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_banded
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.reduction.cell_products import products_of, stencil_room, tensor_stencil
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil
-from pgmp_petsc.runtime.compiled import njit
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])

@@ -23,11 +23,14 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import InputError, Remark, RunError, note, warning
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid, Samples
@@ -39,9 +42,6 @@ from pgmp_petsc.reduction.tables import (
     mode_changes,
     rigid_inertia,
 )
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, Remark, RunError, note, warning
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import extremes, held, length_names

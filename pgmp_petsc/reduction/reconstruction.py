@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.cell_products import pair_changes
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64
 DIFFERENCE = 2e-3  # of poses and displacements, m and rad, of fourth order: truncation leaves 1e-12, rounding 1e-13

@@ -24,7 +24,10 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, warning
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.cell_products import SecondOrderTables
@@ -43,9 +46,6 @@ from pgmp_petsc.reduction.rom_file import (
 )
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges
-from pgmp_petsc.runtime.errors import InputError, Remark, warning
-from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, shapes_of
-from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
 

@@ -18,12 +18,12 @@ from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.declare.records import Record, Result, array, attribute, leaves, run_record
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import fine_grid
-from pgmp_petsc.runtime.files import RunRecord
 
 AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sample_grid import ParameterPoints
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 

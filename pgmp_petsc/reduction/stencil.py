@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.vectors import add, floor, load, store
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import add, floor, load, store
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1

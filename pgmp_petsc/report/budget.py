@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.motion import WORDS
 from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, paired
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.report.film import stress_of
 from pgmp_petsc.report.sources import (
     Build,
@@ -34,8 +36,6 @@ from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, lim
 from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
-from pgmp_petsc.runtime.errors import counted
-from pgmp_petsc.runtime.files import RunRecord
 
 PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
 

@@ -24,6 +24,7 @@ from matplotlib.collections import LineCollection, TriMesh
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.tri import Triangulation
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, shown_positions
 from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, outlines, skin_of, uncoloured
@@ -32,7 +33,6 @@ from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, scen
 from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, truncated
-from pgmp_petsc.runtime.errors import counted
 
 # Nodes of all surfaces of a film: what a phone draws 25 times a second.
 MOST_NODES = 6000

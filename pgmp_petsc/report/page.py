@@ -22,8 +22,11 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
+from pgmp_petsc.files.claims import check_output
+from pgmp_petsc.files.hdf5 import KINDS, replacing
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
@@ -45,9 +48,6 @@ from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import one_unit_each, plain
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, counted, visible
-from pgmp_petsc.runtime.files import KINDS, replacing
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}
 MOST_CURVES = 7

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.figures.captions import mechanism_key, short_names
+from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Ensemble, Selection, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import end_texts, number_text
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.runtime.files import RunRecord, open_file
 
 
 @dataclass(frozen=True)

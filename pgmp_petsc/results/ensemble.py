@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, from_json, to_json
 from pgmp_petsc.declare.records import (
     FLAGS,
     JSON,
@@ -35,10 +36,9 @@ from pgmp_petsc.declare.records import (
     run_record,
     units_in,
 )
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
 from pgmp_petsc.results.statistics import MODELS, Band, Chance, Sensitivity, Statistics
-from pgmp_petsc.runtime.errors import Remark, from_json, to_json
-from pgmp_petsc.runtime.files import RunRecord
 
 if TYPE_CHECKING:
     import h5py

@@ -42,7 +42,7 @@ from pgmp_petsc.declare.records import (
     run_record,
     units_of,
 )
-from pgmp_petsc.runtime.files import RunRecord, take
+from pgmp_petsc.files.hdf5 import RunRecord, take
 
 if TYPE_CHECKING:
     import h5py

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
+from pgmp_petsc.files.hdf5 import RunRecord, take
 from pgmp_petsc.results.numbers import share_text
-from pgmp_petsc.runtime.files import RunRecord, take
 
 if TYPE_CHECKING:
     import h5py

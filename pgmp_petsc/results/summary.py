@@ -34,16 +34,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.runtime.claims import TABLE, check_output, is_table
-from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.files.claims import TABLE, check_output, is_table
+from pgmp_petsc.files.hdf5 import replacing
 
 if TYPE_CHECKING:
+    from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.results.ensemble import Ensemble, Joined, ShardSamples, Stopping
     from pgmp_petsc.results.gradients import Derivatives
     from pgmp_petsc.results.statistics import Statistics
     from pgmp_petsc.results.tradeoff import Tradeoff
     from pgmp_petsc.results.trajectory import ModesTable, Trajectory
-    from pgmp_petsc.runtime.files import RunRecord
 
 # kinds whose figures are all that the file has, but for samples one by one
 WHOLE = {

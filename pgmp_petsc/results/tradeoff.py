@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.declare.records import JSON, Record, Result, array, attribute, derived, run_record, units_of
-from pgmp_petsc.runtime.files import RunRecord, take
+from pgmp_petsc.files.hdf5 import RunRecord, take
 
 FAMILIES = ("reduced", "components", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do

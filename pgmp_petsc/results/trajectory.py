@@ -41,9 +41,9 @@ from pgmp_petsc.declare.records import (
     run_record,
     units_of,
 )
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import VALIDITY_WORDS, Balance, EstimatedErrors
 from pgmp_petsc.results.statistics import MODELS
-from pgmp_petsc.runtime.files import RunRecord
 
 if TYPE_CHECKING:
     import h5py

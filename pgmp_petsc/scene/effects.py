@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import (
     LoadHarmonic,
     LoadTable,

@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from pgmp_petsc.runtime.errors import visible
+from pgmp_petsc.base.errors import visible
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.

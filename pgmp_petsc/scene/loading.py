@@ -25,8 +25,8 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
-from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.base.errors import InputError, nearest_name, shortened
+from pgmp_petsc.files.hdf5 import replacing
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene

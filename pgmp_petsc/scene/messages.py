@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.declare.ideas import Found
-from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import (
     Angle,
     Integer,

@@ -38,7 +38,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, at_most, refusal
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem

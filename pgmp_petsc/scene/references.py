@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS
-from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import MEASURED, joints_with

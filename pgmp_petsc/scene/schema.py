@@ -8,8 +8,8 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
+from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.declare.ideas import WHEN_GROWN
-from pgmp_petsc.runtime.errors import Remark
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table

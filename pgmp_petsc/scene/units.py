@@ -15,7 +15,7 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import is_number
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import OWN

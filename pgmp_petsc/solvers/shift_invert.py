@@ -38,11 +38,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.ending import keep_no_longer, remove_at_end
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, counted
-from pgmp_petsc.runtime.petsc import petsc_solver, solve_columns
-from pgmp_petsc.runtime.progress import announce
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError, counted
+from pgmp_petsc.base.progress import announce
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.ending import keep_no_longer, remove_at_end
+from pgmp_petsc.ranks.petsc import petsc_solver, solve_columns
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

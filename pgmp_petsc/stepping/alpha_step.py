@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import beyond, select
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import beyond, select
 from pgmp_petsc.stepping.second_order_system import Moment, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Outcome
 

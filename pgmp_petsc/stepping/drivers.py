@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.petsc import as_raised, options_of, petsc_solver
-from pgmp_petsc.runtime.surroundings import has_petsc
+from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.surroundings import has_petsc
+from pgmp_petsc.ranks.petsc import as_raised, options_of, petsc_solver
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -25,9 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.petsc import log_event
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import LANES
+from pgmp_petsc.ranks.petsc import log_event
 from pgmp_petsc.stepping.alpha_step import AlphaStep, put, standing
 from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, State
 

@@ -31,7 +31,7 @@ from math import gcd
 
 import numpy as np
 
-from pgmp_petsc.runtime.petsc import has_options
+from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.alpha_step import AlphaStep, Stretch, first_accelerations, n_first_steps, put, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here

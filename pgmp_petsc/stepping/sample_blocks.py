@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.lanes.vectors import LANES
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, warning
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.energy import load_powers
 from pgmp_petsc.results.estimates import Balance
-from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.stepping.energies import Energies
 
 # Of the most energy that was moved around: runs whose steps resolve what goes on stay below a hundredth while it is

@@ -9,23 +9,23 @@ from typing import Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.files.hdf5 import BUILD_AGAIN, open_file, shapes_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.results.summary import origin_of
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import BUILD_AGAIN, open_file, shapes_of
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import extremes, length_names
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.inertia_moments import directors
@@ -26,7 +27,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError, counted
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import parts_of, points_used
 

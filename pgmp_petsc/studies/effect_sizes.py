@@ -26,6 +26,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pgmp_petsc.base.errors import PgmpError, Remark, note, warning
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape, has_long_axis
@@ -39,12 +41,10 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.static_loads import InfluenceProbe
 from pgmp_petsc.results.selection import EffectSize, EffectSizes
-from pgmp_petsc.runtime.errors import PgmpError, Remark, note, warning
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.references import parts_of

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -25,7 +26,6 @@ from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed,
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.results.trajectory import BodyField, Frames, Trajectory
-from pgmp_petsc.runtime.errors import InputError, Remark, note
 
 
 def field_frames(

@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.references import stressed_bodies

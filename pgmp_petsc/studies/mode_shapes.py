@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
@@ -25,7 +26,6 @@ from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.trajectory import BodyField, ModeShape
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.fields import MOST_RADIANS
 
 

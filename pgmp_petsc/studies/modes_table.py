@@ -19,30 +19,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import eigh
 
+from pgmp_petsc.base.errors import InputError, Remark, note, warning
+from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.effects.springs import linear_springs, spring_remarks
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.trajectory import ModesTable
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, Remark, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.resources import Timings
-from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 
 if TYPE_CHECKING:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -16,8 +18,6 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.estimates import Balance
-from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Table
 from pgmp_petsc.scene.uses import BODY, MATERIAL

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, note, warning
+from pgmp_petsc.base.progress import Progress, progress
+from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.estimates.own_error import (
@@ -27,18 +30,15 @@ from pgmp_petsc.estimates.own_error import (
 )
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.reduced.energy import least_stiffness
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import Remark, note, warning
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.groups import UNKNOWNS_PER_RANK, first_ranks
-from pgmp_petsc.runtime.progress import Progress, progress
-from pgmp_petsc.runtime.resources import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import (

@@ -16,9 +16,9 @@ from pgmp_petsc.results.numbers import percent as _percent
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 
 if TYPE_CHECKING:
+    from pgmp_petsc.base.errors import Remark
     from pgmp_petsc.results.ensemble import ShardSamples
     from pgmp_petsc.results.statistics import RareEvent
-    from pgmp_petsc.runtime.errors import Remark
 
 SHOWN = 12  # parameters of a design point
 

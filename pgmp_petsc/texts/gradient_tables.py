@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.base.errors import Remark, counted
 from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
 from pgmp_petsc.results.numbers import interval_text, percent, share_text
-from pgmp_petsc.runtime.errors import Remark, counted
 from pgmp_petsc.texts.models import closing
 
 NOTHING = 1e-9  # share of what a constraint had at the start

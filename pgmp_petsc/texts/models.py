@@ -16,10 +16,10 @@ from pgmp_petsc.results.estimates import OF_STEP
 from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, plain, share_text, sizes_of
 
 if TYPE_CHECKING:
+    from pgmp_petsc.base.errors import Remark
+    from pgmp_petsc.files.hdf5 import RunRecord
     from pgmp_petsc.reduction.rom import ReducedOrderModel
     from pgmp_petsc.results import Ensemble, EstimatedErrors, ModesTable, Trajectory
-    from pgmp_petsc.runtime.errors import Remark
-    from pgmp_petsc.runtime.files import RunRecord
     from pgmp_petsc.studies.building import Built
 
 SHOWN = 6

@@ -14,7 +14,7 @@ from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
 if TYPE_CHECKING:
-    from pgmp_petsc.runtime.errors import Remark
+    from pgmp_petsc.base.errors import Remark
 
 WIDTH = 118
 REASONS_SHOWN = 5

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import Blocks, Independent, LatinHypercube, Replicates
-from pgmp_petsc.runtime.errors import InputError
 
 N = 96
 DESIGNS = {

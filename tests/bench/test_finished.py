@@ -8,14 +8,14 @@ import pytest
 from mpi4py import MPI
 from tradeoffs import LEAST, small_scene
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.bench.finished import Finished
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import Tradeoff
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from scenes import meshes_of
 

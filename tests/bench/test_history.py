@@ -5,6 +5,7 @@ import pytest
 from runs import full_model, reduced_model, samples
 from tradeoffs import OUTPUTS
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
@@ -14,7 +15,6 @@ from pgmp_petsc.bench.history import (
     run_history,
     spacing,
 )
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.status import Status
 from scenes import SLIDER_CRANK

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import reference
 from pgmp_petsc.bench.finished import Price, duration_text, step_seconds
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
@@ -27,7 +28,6 @@ from pgmp_petsc.bench.reference import (
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from scenes import slider_crank
 

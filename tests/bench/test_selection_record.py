@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
 from pgmp_petsc.bench.history import BASIS, INTERPOLATION, STEP, shares_of
 from pgmp_petsc.results import Attempt, Selection
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from scenes import slider_crank
 

@@ -6,13 +6,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Load, Training
 from pgmp_petsc.bench.history import Errors, Ledger, Trial
 from pgmp_petsc.bench.reduction_choice import ReductionChoice
 from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Reduction
 from scenes import meshes_of, slider_crank
 

@@ -10,11 +10,11 @@ from mpi4py import MPI
 from runs import full_model, read_meshes, reduced_model
 from tradeoffs import LEAST, small_scene, study
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.cases import held_out
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results import Tradeoff
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
 
 # a part of the revolution: the closure takes less time

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from runs import PAPER_SCENE, paper_scene
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.candidates import (
     FULL,
     QUICK,
@@ -19,7 +20,6 @@ from pgmp_petsc.bench.candidates import (
 )
 from pgmp_petsc.bench.cases import Setting, step_of
 from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.generalised_alpha import count_steps

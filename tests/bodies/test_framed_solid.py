@@ -7,11 +7,11 @@ import pytest
 import scipy.sparse as sp
 from solids import body_of, mesh_of, rod
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import solid as solid_module
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Body, Material
 
 MATERIALS = {

@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.beam_strains import BeamStrains
@@ -14,7 +15,6 @@ from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.hollow_rectangle import HollowRectangle
 from pgmp_petsc.bodies.stresses import BeamLaw
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Material
 from scenes import slider_crank
 

@@ -8,6 +8,7 @@ from runs import PAPER_SCENE
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial_beams import lines_of, slider_crank_of_beams
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.inertia_moments import inertia_moments
@@ -19,7 +20,6 @@ from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from scenes import mechanism_of, meshes_of, slider_crank
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from solids import box_mesh, rectangle_mesh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.component import rigid_component
 from pgmp_petsc.bodies.face_frame import FaceFrame
@@ -13,7 +14,6 @@ from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
-from pgmp_petsc.runtime.errors import InputError
 
 RHO, LENGTHS = 7800.0, (0.3, 0.02, 0.05)
 DENSITY = Quantity(RHO, Monomial((("m", 1),)))

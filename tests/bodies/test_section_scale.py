@@ -16,6 +16,7 @@ petsc4py.init([])
 
 from mpi4py import MPI  # noqa: E402
 
+from pgmp_petsc.base.errors import InputError  # noqa: E402
 from pgmp_petsc.bodies.affine import Monomial, Quantity  # noqa: E402
 from pgmp_petsc.bodies.component import Component  # noqa: E402
 from pgmp_petsc.bodies.face_frame import FaceFrame  # noqa: E402
@@ -25,7 +26,6 @@ from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.profile import SectionScale  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
 from pgmp_petsc.mesh.reference_element import reference_element  # noqa: E402
-from pgmp_petsc.runtime.errors import InputError  # noqa: E402
 
 KINDS, N_MODES = ("quad8", "hexahedron20"), 6
 SERVED = (1.0, 0.6, 0.8, 1.2, 1.4)  # as of a distribution: nominal, outermost and half-way

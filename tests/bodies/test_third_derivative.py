@@ -9,7 +9,7 @@ from static_equilibrium import StaticEquilibrium
 from pgmp_petsc.bodies.matrices import ThirdDerivative, owned_rows
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from scenes import four_bar, kinematics_of, slider_crank
 

@@ -7,12 +7,12 @@ from conftest import ROOT
 from exported import scene_of
 from runs import QUICK_RETURN, quick_return, reduced_model
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.c_export import constants, fmu
 from pgmp_petsc.c_export.constants import checked_scene, constants_of, left_out
 from pgmp_petsc.c_export.fmu import write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 
 STRESS = '[outputs.stress]\ntype = "stress"\nbody = "rocker"\nquantity = "stress_max"\n'

@@ -11,8 +11,8 @@ import pytest
 from runs import PAPER_SCENE, PGMP, SMALL, besides_progress, full_model, history, overridden, paper_scene, pgmp, samples
 
 from pgmp_petsc import __version__
+from pgmp_petsc.files.hdf5 import version_of
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
-from pgmp_petsc.runtime.files import version_of
 
 ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ("crank_angle", "slider_position", "slider_deformation")

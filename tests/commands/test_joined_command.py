@@ -13,6 +13,7 @@ from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scen
 
 from pgmp_petsc.api.ensembles import exit_status
 from pgmp_petsc.api.requests import Correction, better_models, in_order
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
@@ -26,9 +27,8 @@ from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.figures.ensembles import joined as picture_of_means
 from pgmp_petsc.figures.ensembles import stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.texts.ensemble_table import report

@@ -15,9 +15,9 @@ from runs import PGMP, SMALL, besides_progress, overridden, paper_scene, pgmp, r
 from sealed import resealed
 
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.files import claims
+from pgmp_petsc.files.claims import OutputLock
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime import claims
-from pgmp_petsc.runtime.claims import OutputLock
 
 SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 SHORT = overridden("simulation.duration=0.005")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 
-from pgmp_petsc.runtime.ending import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
+from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
 
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
 # s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy

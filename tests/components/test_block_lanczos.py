@@ -12,9 +12,9 @@ petsc4py.init([])
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
+from pgmp_petsc.base.errors import RunError  # noqa: E402
 from pgmp_petsc.components import body_problem  # noqa: E402
 from pgmp_petsc.components.body_problem import BlockLanczos  # noqa: E402
-from pgmp_petsc.runtime.errors import RunError  # noqa: E402
 
 HALF, SHIFT, N_MODES = 60, -0.5, 5
 

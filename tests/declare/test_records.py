@@ -13,9 +13,9 @@ import pytest
 from every_result import PARTS, RESULTS
 from sealed import resealed
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.records import FLAGS, Record, array, attribute, check_sizes
 from pgmp_petsc.declare.views import described, variables
-from pgmp_petsc.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.goals import Outcome, read_constraint, read_goal
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
-from pgmp_petsc.runtime.errors import InputError
 
 OUTPUTS, PARAMETERS = ("angle", "bend"), ("r1", "max", "c-2")
 TIME = np.linspace(0.0, 2.0, 201)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design import measured_history
 from pgmp_petsc.design.measured_history import autocorrelation, read_history, remembered
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError
 
 OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
 DURATION = 1.0

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import laws
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import distance
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.errors import InputError
 
 STEP = 1e-6  # central differences of functions of order 1: 1e-12 by truncation, 1e-10 by round-off
 ATOL = 1e-9

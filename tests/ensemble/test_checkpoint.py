@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, Shard
-from pgmp_petsc.runtime import checkpoint_folder, files
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.seal import SIZE as SEAL
+from pgmp_petsc.files import checkpoint_folder, hdf5
+from pgmp_petsc.files.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
 TABLES = "0123"
@@ -275,7 +275,7 @@ def test_pieces_are_pushed_to_the_disk_now_and_then(plan: Plan, monkeypatch: pyt
     monkeypatch.setattr(checkpoint_folder.time, "monotonic", lambda: clock[0])
     checkpoint = started(plan)
     monkeypatch.setattr(
-        files, "synchronise_file", lambda path: path.is_file() and pushed.append((clock[0], path.name.split(".")[1]))
+        hdf5, "synchronise_file", lambda path: path.is_file() and pushed.append((clock[0], path.name.split(".")[1]))
     )
     for first in range(12):
         add(checkpoint, first, 1)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.ensemble.checkpoint import Columns
-from pgmp_petsc.runtime.errors import RunError
 
 
 def test_a_column_is_what_was_put_in_and_nan_elsewhere(tmp_path: Path) -> None:

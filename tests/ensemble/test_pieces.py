@@ -5,7 +5,7 @@ from runs import paper_scene, reduced_model
 
 from pgmp_petsc.ensemble.plan import LEAST, SHARE, Piece, checked, missing, pieces, price_of, share_of
 from pgmp_petsc.estimates.reference_motion import FINER
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.lanes.vectors import LANES
 
 
 def numbers(found: list[Piece], is_checked: bool) -> list[int]:

@@ -8,6 +8,7 @@ from scipy.stats import binom, chi2, multivariate_normal, norm
 
 from benchmarks.limit_states import limit_states
 from pgmp_petsc.api.ensembles import choose
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.design_points import design_points
 from pgmp_petsc.ensemble.importance import (
     CLUSTERS,
@@ -34,7 +35,6 @@ from pgmp_petsc.ensemble.rare_events import (
     unlike,
 )
 from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
-from pgmp_petsc.runtime.errors import InputError
 from scenes import slider_crank
 
 OF_SUM = 2.6676243  # beta of 6 = exp(0.3 u_1) + exp(0.6 u_2)

@@ -3,8 +3,8 @@
 import pytest
 from runs import paper_scene
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.stopping import Rule, read_rule
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Event
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import (
@@ -18,7 +19,6 @@ from pgmp_petsc.ensemble.sampling import (
     physical,
     sampler_remarks,
 )
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
 from scenes import slider_crank

@@ -15,12 +15,12 @@ from pgmp_petsc.estimates.validity import BodyStrains, half_height, remarks_of
 from pgmp_petsc.estimates.validity_kernel import Kept, Places, Weights, look_at
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
 

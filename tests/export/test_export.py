@@ -13,9 +13,9 @@ import synthetic
 from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.results.trajectory import BodyField
-from pgmp_petsc.runtime.errors import InputError, RunError
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
     def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("pgmp_petsc.runtime.files.os.replace", fail)
+    monkeypatch.setattr("pgmp_petsc.files.hdf5.os.replace", fail)
     with pytest.raises(RunError, match="no space left"):
         write_xdmf(exported[0], exported[1])
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]

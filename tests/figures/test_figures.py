@@ -9,6 +9,7 @@ import pytest
 import synthetic
 from pictures import assert_inside, legend_texts, texts, visible
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.figures.captions import labels_by_parameters
 from pgmp_petsc.figures.collection import draw
@@ -18,7 +19,6 @@ from pgmp_petsc.figures.mechanism import mechanism, shown_positions
 from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.errors import InputError
 
 # what numpy and matplotlib warn of is a picture that is not right
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")

@@ -11,6 +11,7 @@ import pytest
 import synthetic
 from pictures import assert_inside, keys_of, legend_texts, texts, visible
 
+from pgmp_petsc.base.errors import InputError, RunError, note, warning
 from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.ensembles import densities
@@ -18,9 +19,8 @@ from pgmp_petsc.figures.frequencies import coordinate_path, frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import distinct_colours
 from pgmp_petsc.figures.trajectories import Comparison, energies, paired, trajectories
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Balance, Frames, Trajectory
-from pgmp_petsc.runtime.errors import InputError, RunError, note, warning
-from pgmp_petsc.runtime.files import RunRecord
 from scenes import tables
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")

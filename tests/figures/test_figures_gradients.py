@@ -9,11 +9,11 @@ import synthetic
 from pictures import assert_inside, legend_texts, visible
 from sealed import resealed
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.trajectories import design, fit, sensitivities
 from pgmp_petsc.results import Derivatives
 from pgmp_petsc.results.gradients import DEVIATION
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.texts.gradient_tables import design_lines, lines_of
 
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")

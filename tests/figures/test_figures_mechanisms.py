@@ -8,13 +8,13 @@ import synthetic
 from conftest import ROOT
 from pictures import assert_inside, legend_texts, visible
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import gallery
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.frequencies import coordinate_path, frequency_maps
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.trajectories import DECADES, energies
 from pgmp_petsc.results import Balance
-from pgmp_petsc.runtime.errors import InputError
 from scenes import tables
 
 # what numpy and matplotlib warn of is a picture that is not right

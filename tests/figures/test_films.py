@@ -17,14 +17,14 @@ from mpi4py import MPI
 from PIL import Image
 from runs import rom_of
 
+from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.cli.main import COMMANDS
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
+from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.results.trajectory import BodyField
-from pgmp_petsc.runtime.claims import check_output
-from pgmp_petsc.runtime.errors import InputError, Remark
 from scenes import slider_crank
 
 WIDE, HIGH = 240, 160

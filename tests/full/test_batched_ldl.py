@@ -5,9 +5,9 @@ import pytest
 import scipy.sparse as sp
 
 from pgmp_petsc.full.batched_ldl import Symbolic, analyse, factorise, substitute
-from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import items, width_of
-from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import items, width_of
+from pgmp_petsc.lanes.vectors import LANES
 
 
 def saddle_points(seed: int, n: int = 17, n_constraints: int = 5) -> tuple[np.ndarray, np.ndarray]:

@@ -27,8 +27,8 @@ import tomli_w
 from machine_scenes import EVERYTHING, cart
 from mpi4py import MPI
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene

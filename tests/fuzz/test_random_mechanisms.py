@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from random_mechanisms import random_scene
 
+from pgmp_petsc.base.progress import without_progress
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import without_progress
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 

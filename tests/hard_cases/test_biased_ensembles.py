@@ -12,9 +12,9 @@ from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_rom, read_scene

@@ -8,8 +8,8 @@ from elimination import Beams, chain, circle
 from mechanisms import accurate, both, nominal_rom, run_for, start
 from runs import assert_close, full_model, history, reduced_model, samples
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State

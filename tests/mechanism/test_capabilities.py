@@ -5,8 +5,8 @@ from combinations import KINDS, TINY
 from conftest import ROOT
 from mpi4py import MPI
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.runtime.errors import InputError
 from scenes import CRANK, ROD, four_bar, kinematics_of, slider_crank, trammel
 
 # several revolutions, negative angles, and the ends of the range

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import PLANE, rotate
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
 

@@ -4,8 +4,8 @@ import pytest
 from conftest import ROOT
 from refusals import cases, check_said
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene
 
 BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_solid3d"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.runtime.errors import InputError
 from scenes import kinematics_of, slider_crank
 
 # several revolutions of both coordinates, and the corners of the range

@@ -11,8 +11,8 @@ from assembled import GAP, WRITERS, labels_of, write_abaqus, write_csv, write_in
 from conftest import TIMEOUT_SECONDS
 from solids import body_of, matrices_of, mesh_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh.matrix_files import MatrixFile, NodeFile, in_order_of_nodes, read_matrix, read_nodes, read_rows
-from pgmp_petsc.runtime.errors import InputError
 
 MESH = mesh_of("quad8", (3, 1), (0.3, 0.05))
 STIFFNESS, MASS = matrices_of(body_of(MESH, 2e9, 7800.0))

@@ -10,8 +10,8 @@ import meshio
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import LineMesh, read_line_mesh, reading
-from pgmp_petsc.runtime.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 ENTRY = "bodies.crank.mesh"

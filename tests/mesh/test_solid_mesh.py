@@ -14,11 +14,11 @@ from conftest import ROOT
 from refusals import cases
 from solids import SIDES, box_mesh, grid, rectangle_mesh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
 from pgmp_petsc.mesh.solid_mesh import cell_faces, set_numbers
 from pgmp_petsc.mesh.solid_mesh_reading import entity_groups, jacobian_determinants, read_solid_mesh, solid_mesh
-from pgmp_petsc.runtime.errors import InputError
 
 ENTRY = "bodies.crank.mesh"
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)

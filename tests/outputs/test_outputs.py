@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import Reading
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
 from scenes import CRANK, ROD, kinematics_of, slider_crank

@@ -4,9 +4,9 @@ import sys
 
 from mpi4py import MPI
 
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.runtime.resources import Timings
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
+from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.ranks.agreement import agreed, on_root
 
 
 class LocatedError(RunError):

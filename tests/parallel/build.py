@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from two_coordinates import double_pendulum, five_bar, over
 
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.petsc import start_petsc
 from scenes import four_bar, meshes_of, slider_crank, trammel
 
 start_petsc()
@@ -20,10 +20,10 @@ start_petsc()
 from mpi4py import MPI  # noqa: E402
 from runs import quick_return  # noqa: E402
 
+from pgmp_petsc.base.errors import PgmpError, RunError  # noqa: E402
 from pgmp_petsc.modes.problem import ModeSet  # noqa: E402
+from pgmp_petsc.ranks.groups import RankGroup  # noqa: E402
 from pgmp_petsc.reduction.build import build_rom  # noqa: E402
-from pgmp_petsc.runtime.errors import PgmpError, RunError  # noqa: E402
-from pgmp_petsc.runtime.groups import RankGroup  # noqa: E402
 
 # as few angles as modes can be followed over: models are compared with each other, not with the mechanism
 FEW, FINE = "reduction.angles=12", "reduction.angles=16"

@@ -14,13 +14,13 @@ from pgmp_petsc.api.declared import command
 from pgmp_petsc.api.found import Found
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.api.scenes import Overrides, Parameters
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.lazy import LazyCommand
 from pgmp_petsc.cli.session import say
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.petsc import petsc_solver
+from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.petsc import petsc_solver
 
 frame.GRACE_SECONDS = 1.0
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.petsc import start_petsc
 
 start_petsc()
 

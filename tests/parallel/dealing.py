@@ -6,9 +6,9 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import PgmpError, RunError
-from pgmp_petsc.runtime.groups import Pulse, RankGroup, deal_to_groups
+from pgmp_petsc.base.errors import PgmpError, RunError
+from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 
 RANKS_PER_GROUP = {"groups": 2, "a group fails": 2}
 N_PIECES = {"none": 0, "few": 2, "unequal": 41, "large": 12}

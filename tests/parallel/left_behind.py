@@ -5,7 +5,7 @@ import sys
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgmp_petsc.runtime.ending import release_petsc
+from pgmp_petsc.ranks.ending import release_petsc
 
 
 class Stepper:

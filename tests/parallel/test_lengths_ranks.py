@@ -12,9 +12,9 @@ from runs import IN_TURN, full_model, overridden, rom_of
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.groups import RankGroup
 
 N, SEED, BATCH = 9, 3, "ensemble.batch=4"
 

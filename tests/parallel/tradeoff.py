@@ -9,7 +9,7 @@ import sys
 from mpi4py import MPI
 from tradeoffs import LEAST, TINY, small_scene, study
 
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.petsc import start_petsc
 
 if __name__ == "__main__":
     start_petsc()

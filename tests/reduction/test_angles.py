@@ -8,12 +8,12 @@ from runs import built_rom, rom_of
 from spatial_beams import lines_of, pendulum_in_space
 from two_coordinates import double_pendulum
 
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import angles
 from pgmp_petsc.reduction.angles import _between, _Halves
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant, samples_for
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.runtime.groups import RankGroup
 
 
 def asked(name: str, quantity: str, place: str, body: str) -> str:

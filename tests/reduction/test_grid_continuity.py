@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.runtime.errors import RunError
 
 N_ROWS = 8
 RANDOM = np.random.default_rng(5)

@@ -12,10 +12,12 @@ from refusals import cases
 from runs import built_rom, full_model, read_meshes, rom_of, samples
 from sealed import resealed
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.plan import price_of, share_of
 from pgmp_petsc.estimates.validity import BodyStrains
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
@@ -23,8 +25,6 @@ from pgmp_petsc.reduction import length_family
 from pgmp_petsc.reduction.length_family import LengthCheck
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, refuse_beyond, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.studies.inputs import with_meshes
 

@@ -12,8 +12,8 @@ from benchmarks.paper import figures as pictures
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table, number, percent, span, with_error
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.runtime.errors import InputError
 from scenes import meshes_of, slider_crank
 
 LAW = 'distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }\n'
@@ -188,9 +188,9 @@ def test_tables_without_inertia_coupling() -> None:
     from mpi4py import MPI
 
     from benchmarks.paper.inertia import uncoupled
+    from pgmp_petsc.ranks.groups import RankGroup
     from pgmp_petsc.reduced.terms import coupling_of
     from pgmp_petsc.reduction.build import build_rom
-    from pgmp_petsc.runtime.groups import RankGroup
 
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
     tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables

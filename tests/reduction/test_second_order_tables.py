@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_products, pair_rotations, symmetric, unpacked
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.runtime.groups import RankGroup
 from scenes import meshes_of, slider_crank
 
 N, M = 6, 4

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from runs import SMALL, paper_scene, rom_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import Served, check_served, outside_of, refuse_beyond
-from pgmp_petsc.runtime.errors import InputError
 
 DRAWN = (
     *SMALL,

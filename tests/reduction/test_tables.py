@@ -7,10 +7,10 @@ import pytest
 import scipy.linalg
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.runtime.groups import RankGroup
 from scenes import meshes_of, slider_crank
 
 RADIUS = {"r1": np.array([5.6e-3])}

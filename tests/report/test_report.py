@@ -16,7 +16,9 @@ import numpy as np
 import pytest
 import synthetic
 
+from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.cli.main import main
+from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
 from pgmp_petsc.report.page import _largest_of_units, downloads_of, write_report
@@ -25,8 +27,6 @@ from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.errors import InputError, note, warning
-from pgmp_petsc.runtime.files import write_file
 from pgmp_petsc.texts.ensemble_table import lines_of
 from scenes import tables
 

@@ -19,8 +19,8 @@ import synthetic
 from conftest import TIMEOUT_SECONDS
 from fielded import flat_run
 
+from pgmp_petsc.base.errors import warning
 from pgmp_petsc.report.page import write_report
-from pgmp_petsc.runtime.errors import warning
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 BROWSER = next(filter(None, map(shutil.which, NAMES)), None)

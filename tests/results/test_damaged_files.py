@@ -22,6 +22,7 @@ from runs import paper_scene, rom_of
 from sealed import resealed
 
 from pgmp_petsc.api.files import contents, describe
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.shards import Shards
@@ -30,7 +31,6 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.ensemble import read_shard
 from pgmp_petsc.results.statistics import RareEvent
-from pgmp_petsc.runtime.errors import InputError
 
 
 def described(path: Path) -> str:

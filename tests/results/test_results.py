@@ -12,8 +12,8 @@ from sealed import resealed
 from synthetic import assert_same
 
 from pgmp_petsc import results
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.results import Ensemble, Frames, Trajectory
-from pgmp_petsc.runtime.errors import InputError
 
 
 @pytest.mark.parametrize("name", RESULTS)

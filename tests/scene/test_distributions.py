@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Tabulated, _table, quick
 from pgmp_petsc.scene.parameters import MOST_VALUES, Parameter

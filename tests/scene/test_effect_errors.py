@@ -9,7 +9,7 @@ from effect_scenes import BAR, BASE, CANTILEVER, line_model, scene_of
 from refusals import cases, check_said
 from runs import IN_TURN, overridden
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import scene_from_toml
 
 WAVE = "harmonic={amplitude=1, frequency_hz=1}"

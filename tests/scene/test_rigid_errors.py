@@ -3,7 +3,7 @@
 import pytest
 from refusals import cases, check_said
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import scene_from_toml
 from scenes import HEADER, tables
 

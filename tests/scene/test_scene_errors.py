@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from refusals import cases, check_said
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.joints.guided import PointOnLine
 from pgmp_petsc.joints.meeting import Revolute
 from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import GROUND, Scene, load_scene, scene_from_toml, scene_to_toml, split_point
 from scenes import tables
 

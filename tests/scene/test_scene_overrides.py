@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene.loading import apply_overrides, apply_settings
 
 

@@ -7,7 +7,7 @@ import pytest
 from machine_scenes import CART
 from runs import IN_TURN, overridden
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 
 ROWS = ((0.0, 1.5), (0.1, -2.0), (0.25, 3.0))

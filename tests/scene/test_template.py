@@ -10,8 +10,8 @@ from mpi4py import MPI
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene.loading import template_names, write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene

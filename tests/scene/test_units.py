@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.units import SI, measure
 

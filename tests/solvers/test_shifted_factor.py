@@ -17,9 +17,9 @@ petsc4py.init([])
 from conftest import TIMEOUT_SECONDS  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-from pgmp_petsc.runtime import resources as memory_module  # noqa: E402
-from pgmp_petsc.runtime.errors import InputError, RunError  # noqa: E402
-from pgmp_petsc.runtime.resources import free_memory, give_back  # noqa: E402
+from pgmp_petsc.base import resources as memory_module  # noqa: E402
+from pgmp_petsc.base.errors import InputError, RunError  # noqa: E402
+from pgmp_petsc.base.resources import free_memory, give_back  # noqa: E402
 from pgmp_petsc.solvers.shift_invert import ShiftedFactor  # noqa: E402
 
 SIDE = 26  # points along each edge of a cube: a factor of some 30 MB
@@ -177,7 +177,7 @@ def test_a_disk_that_is_full_is_named(laplacian: tuple, folder: Path) -> None:
 def test_a_signal_that_ends_a_run_takes_the_files_along(folder: Path) -> None:
     program = """
 import time
-from pgmp_petsc.runtime.ending import ending_on_signals
+from pgmp_petsc.ranks.ending import ending_on_signals
 from pgmp_petsc.solvers.shift_invert import FactorFiles
 with ending_on_signals(0):
     (FactorFiles().path / "part").write_text("of a factor")

@@ -10,9 +10,9 @@ import scipy.integrate
 import scipy.linalg
 from mpi4py import MPI
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.reduced import system as reduced_system
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping import generalised_alpha
 from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS, first_accelerations

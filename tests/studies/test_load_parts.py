@@ -2,8 +2,8 @@
 
 import pytest
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.time_function import amplitude_of
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import _check_tables_hold
 from scenes import slider_crank

@@ -20,15 +20,15 @@ from mpi4py import MPI
 from runs import IN_TURN
 
 import pgmp_petsc as pgmp
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.plugins import IN_USE, check_plugins
 from pgmp_petsc.c_export.source import COMPILED
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
+from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.plugins import IN_USE, check_plugins
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.scene.units import SI

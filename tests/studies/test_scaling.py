@@ -13,11 +13,11 @@ from benchmarks.scaling import build, figures, fine_beams, report
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from benchmarks.scaling.fine_beams import FineBeams
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.inputs import read_scene
 
 SOLIDS = ROOT / "scenes" / "slider_crank_solid2d.toml"

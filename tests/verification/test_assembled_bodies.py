@@ -24,8 +24,8 @@ from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

@@ -9,8 +9,8 @@ from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said
 from runs import reduced_model
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.base_motion import GIVEN, BaseMotion, acceleration_of
-from pgmp_petsc.runtime.errors import InputError
 
 WAVE = "harmonic={amplitude=0.05,frequency_hz=3.0}"
 BASE = 'effects.base={{type="base_motion",direction=[1.0,0.0],of="displacement",{}}}'

@@ -9,11 +9,11 @@ from runs import full_model, history, paper_scene, samples
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
 from spatial_beams import SLIDER_CRANK, lines_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.full.floating import add_energies_of_floating, add_floating
 from pgmp_petsc.models import ComponentModel, FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full
 

@@ -13,11 +13,11 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import tables

@@ -18,11 +18,11 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, mechanism_of, slider_crank, tables

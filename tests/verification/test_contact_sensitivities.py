@@ -11,6 +11,7 @@ from mpi4py import MPI
 from runs import reduced_model, rom_of
 from two_coordinates import double_pendulum
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.goals import read_constraint, read_goal
@@ -22,7 +23,6 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.results import Derivatives, Design, Fit
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate

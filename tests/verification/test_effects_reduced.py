@@ -16,10 +16,10 @@ from test_effects_full import TURNED
 
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.second_order_system import State

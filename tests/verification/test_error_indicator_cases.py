@@ -12,8 +12,8 @@ from runs import history, samples
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_reduced

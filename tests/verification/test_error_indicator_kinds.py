@@ -17,9 +17,9 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.own_error import absence_of_estimates
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import meshes_of

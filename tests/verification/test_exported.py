@@ -17,10 +17,10 @@ from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.stencil import OVERHAUSER
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables

@@ -9,6 +9,7 @@ from runs import full_model, history, reduced_model, samples
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.design import fitting
 from pgmp_petsc.design.fitting import fit, uncertainty
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation
@@ -16,7 +17,6 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Fit
 from pgmp_petsc.results.gradients import FittedParameter
-from pgmp_petsc.runtime.errors import RunError
 from scenes import slider_crank
 
 MODES = (

@@ -11,9 +11,9 @@ from machine_scenes import MODELS, RIGID, CartAndPole, cart, run
 from refusals import cases, check_said
 from runs import IN_TURN, overridden, reduced_model
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.formula import declared, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import scene_to_toml
 
 #: A formula of every function, and the same by numpy.

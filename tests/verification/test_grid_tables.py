@@ -9,14 +9,14 @@ from mpi4py import MPI
 from runs import rom_of
 from two_coordinates import double_pendulum, five_bar, over
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import reduced_frequencies, tabulate_modes
 from scenes import kinematics_of, mechanism_of, meshes_of

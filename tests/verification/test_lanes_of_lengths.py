@@ -11,6 +11,7 @@ from length_scenes import SMALL, long_crank
 from mpi4py import MPI
 from runs import rom_of, samples
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.ensemble.integration import run_batch
@@ -19,7 +20,6 @@ from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 LENGTHS = np.array([0.671, 0.72])

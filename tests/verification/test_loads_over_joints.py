@@ -11,8 +11,8 @@ from refusals import cases, check_said
 from runs import full_model, reduced_model
 from scipy.integrate import cumulative_trapezoid
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.over_joint import table_law
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.simulate import simulate_full
 from scenes import slider_crank
 

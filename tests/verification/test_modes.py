@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -19,7 +20,6 @@ from pgmp_petsc.modes import pencils as dense_module
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.pencils import DensePencil, SparsePencil
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
 

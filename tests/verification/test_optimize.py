@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 from runs import reduced_model
 
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import design_figures
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_constraint, read_goal
@@ -17,7 +18,6 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.texts.gradient_tables import design_lines
 from scenes import PENDULUM, STEEL, slider_crank

@@ -9,6 +9,7 @@ import scipy.linalg
 from mpi4py import MPI
 from runs import built_rom, full_model, history, paper_scene, rom_of
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
@@ -20,7 +21,6 @@ from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 

@@ -10,9 +10,9 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from runs import quick_return, rom_of
 from static_equilibrium import StaticEquilibrium
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
@@ -26,7 +27,6 @@ from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 from scenes import four_bar, kinematics_of, pendulum, slider_crank
 

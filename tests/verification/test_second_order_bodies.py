@@ -22,13 +22,13 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import Manifold, build_rom
 from pgmp_petsc.reduction.cell_products import pair_products
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import points_used
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

@@ -11,6 +11,7 @@ from runs import full_model, reduced_model, rom_of
 from sealed import resealed
 from test_stress_outputs import asked, held, model_of, run
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_goal
 from pgmp_petsc.design.optimization import optimize
@@ -20,9 +21,8 @@ from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel, of_samples
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import TARGET
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.generalised_alpha import integrate

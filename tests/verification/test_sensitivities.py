@@ -11,12 +11,12 @@ from runs import reduced_model
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.differentiated import ObservedChanges, differentiate
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.second_order_system import State
 from scenes import PENDULUM, slider_crank

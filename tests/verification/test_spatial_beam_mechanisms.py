@@ -18,15 +18,15 @@ from spatial_beams import (
     slider_crank_of_beams,
 )
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

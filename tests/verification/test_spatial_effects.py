@@ -274,7 +274,7 @@ import numpy as np
 from mpi4py import MPI
 from spatial import bars_of
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.simulate import simulate_full
 start_petsc()

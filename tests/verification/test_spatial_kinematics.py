@@ -19,10 +19,10 @@ from spatial import (
     table,
 )
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL, directors
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from scenes import kinematics_of, slider_crank
 

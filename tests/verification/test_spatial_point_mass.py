@@ -6,8 +6,8 @@ from mpi4py import MPI
 from spatial import WIDTH, assembled, bars_of, slider_crank_in_space, table
 
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.simulate import simulate_full

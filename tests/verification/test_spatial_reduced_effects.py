@@ -8,8 +8,8 @@ from mpi4py import MPI
 from spatial import arm, bars_of, slider_crank_in_space
 
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

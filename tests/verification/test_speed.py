@@ -7,10 +7,10 @@ from runs import reduced_model
 from spatial import bars_of, slider_crank_in_space
 from test_free_play import MODELS
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import CRANK, ROD, slider_crank
 

@@ -15,12 +15,12 @@ from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 from solids import rectangle_mesh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene

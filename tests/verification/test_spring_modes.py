@@ -22,9 +22,9 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
 from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank

@@ -5,11 +5,11 @@ import pytest
 from mpi4py import MPI
 from runs import reduced_model
 
+from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.estimates.sampled_load import jump_remarks
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.errors import Remark
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_reduced
 from scenes import meshes_of, slider_crank, tables

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from runs import quick_return, rom_of
 
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import to_body
@@ -20,7 +21,6 @@ from pgmp_petsc.modes.static_modes import dependent_loads, static_modes
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 

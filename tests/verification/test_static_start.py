@@ -11,12 +11,12 @@ from mpi4py import MPI
 from runs import full_model, reduced_model
 from two_coordinates import DOUBLE_PENDULUM
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status

@@ -12,17 +12,17 @@ from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import BuildCheckpoint, build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.seal import identity
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import HEADER, tables

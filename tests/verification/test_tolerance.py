@@ -12,7 +12,7 @@ from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values

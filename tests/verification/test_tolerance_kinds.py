@@ -10,7 +10,7 @@ from mpi4py import MPI
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import count_steps
 

@@ -5,11 +5,11 @@ from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
 from runs import read_meshes
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import choice as length_choice
 from pgmp_petsc.bench.choice import Choice
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, element_dofs
@@ -24,7 +25,6 @@ from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.stresses import BeamStresses
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.errors import PgmpError
+from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import PgmpError
-from pgmp_petsc.runtime.surroundings import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material, Rigid
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal

@@ -15,10 +15,10 @@ from itertools import chain
 import numpy as np
 from pydantic import BaseModel
 
+from pgmp_petsc.base.errors import Remark, warning
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN

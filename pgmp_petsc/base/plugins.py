@@ -1,0 +1,68 @@
+"""Which ideas come from outside the package, and whether those that a file was made with are at hand.
+
+A file that was made from a scene with such ideas names the plugins and the SHA-256 of each (root attribute
+``plugins``); other files have no such attribute.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pgmp_petsc.base.errors import InputError
+
+SHOWN = 12  # characters of a checksum in messages
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A file outside the package that declares ideas."""
+
+    name: str  # what files call it: ``damper.py``, or the module of an installed package
+    path: str  # where it is
+    sha256: str  # of its bytes, as a hexadecimal number
+
+
+#: Plugins by the table of the scene and the type of each of their ideas.
+IN_USE: dict[tuple[str, str], Plugin] = {}
+
+
+def in_use() -> dict[str, str]:
+    """Return the checksums of all plugins under the key ``plugins``, as a part of what a run is; empty without any."""
+    found = ", ".join(sorted({plugin.sha256 for plugin in IN_USE.values()}))
+    return {"plugins": found} if found else {}
+
+
+def plugins_of(scene_toml: str) -> dict[str, str]:
+    """Return the SHA-256 of every plugin that a scene's entries need, by its name."""
+    if not IN_USE:
+        return {}
+    tables = tomllib.loads(scene_toml)
+    needed = [
+        IN_USE.get((table, entry.get("type", "")))
+        for table in sorted({table for table, _ in IN_USE})
+        for entry in tables.get(table, {}).values()
+    ]
+    sections = (body.get("section", {}) for body in tables.get("bodies", {}).values())
+    needed += [IN_USE.get(("sections", section.get("shape", ""))) for section in sections]
+    return {plugin.name: plugin.sha256 for plugin in needed if plugin is not None}
+
+
+def check_plugins(needed: Mapping[str, str], file: object) -> None:
+    """Refuse a file that was made with plugins that are not in use, or were others.
+
+    Raises `InputError`, naming the plugin, with the cure.
+    """
+    for name, sha256 in needed.items():
+        if any(plugin.sha256 == sha256 for plugin in IN_USE.values()):
+            continue
+        made = f"'{file}' was made with the plugin {name} (SHA-256 {sha256[:SHOWN]}...)"
+        other = next((plugin for plugin in IN_USE.values() if plugin.name == name), None)
+        if other is not None:
+            raise InputError(
+                f"{made}, and {other.path} is another one (SHA-256 {other.sha256[:SHOWN]}...); give the plugin that it "
+                "was made with, or make the file again"
+            )
+        cure = f'--plugin {name}, or pgmp.use("{name}") in Python' if name.endswith(".py") else "install its package"
+        raise InputError(f"{made}, which is not in use; {cure}")

@@ -1,0 +1,473 @@
+"""HDF5 files of results: written whole or not at all, checked when opened.
+
+A file is written by one process (rank 0) beside its target and renamed when it is complete and on the disk, so a file
+under its final name is never half written, and one that it replaces stays until then. Its first 512 bytes, which HDF5
+skips, are a seal with a checksum of all of it (:mod:`pgmp_petsc.files.seal`), checked before it is read. Every file
+has
+
+===================== ==========================================================================
+attribute             meaning
+===================== ==========================================================================
+``format_version``    integer, :func:`version_of` the kind
+``program_version``   version of pgmp_petsc that wrote it
+``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``, ``tradeoff``,
+                      ``sensitivities``, ``fit`` or ``design``
+``scene``             the resolved scene as TOML
+``parameters``        parameter values as a JSON object, SI units
+``seed``              seed of the random streams; an empty (null) attribute where there is none
+``ranks``             number of MPI ranks of the run
+``remarks``           warnings and notes as JSON, see :mod:`pgmp_petsc.base.errors`
+===================== ==========================================================================
+
+and scalar datasets ``/timings/<phase>``: wall time in s, maximum over the ranks. Every dataset has the
+attributes ``unit`` and ``description``.
+
+A stream under an HDF5 file that is being written, which keeps HDF5 alive when the disk is full.
+
+The HDF5 library does not survive a failed write: closing the file fails too, and the process ends with a
+segmentation fault (seen with HDF5 1.10, h5py 3.7). HDF5 therefore writes through :class:`GuardedStream`,
+which remembers the first failure, pretends that all is well until HDF5 has closed its file, and then raises.
+
+Tables of numbers as CSV that users hand over: names in the first line, then a row a line; empty lines have no part.
+
+Commas separate columns. A unit may follow a name, ``time (s)``, as in the tables that this program writes;
+another one than that of the column is refused.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+import h5py
+import numpy as np
+
+from pgmp_petsc import __version__
+from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shortened, to_json
+from pgmp_petsc.base.plugins import check_plugins, plugins_of
+from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
+from pgmp_petsc.files.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
+
+
+class GuardedStream:
+    """A new file under an `h5py.File` (driver ``fileobj``) whose failures come out in :meth:`finish` alone.
+
+    Used in a ``with`` block, which closes it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._stream = open(path, "w+b")
+        self._failure: OSError | None = None
+
+    def _guarded(self, operation: Callable[..., int], *args: Any, instead: int) -> int:
+        """Run an operation unless one has failed; return ``instead`` where it fails or is left out."""
+        if self._failure is None:
+            try:
+                return operation(*args)
+            except OSError as error:
+                self._failure = error
+        return instead
+
+    def write(self, data: Any) -> int:
+        """Write at the current position."""
+        return self._guarded(self._stream.write, data, instead=len(data))
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move the position, which may push earlier data to the disk."""
+        return self._guarded(self._stream.seek, offset, whence, instead=offset)
+
+    def truncate(self, size: int) -> int:
+        """Set the length."""
+        return self._guarded(self._stream.truncate, size, instead=size)
+
+    def flush(self) -> None:
+        """Push data to the system."""
+        self._guarded(self._stream.flush, instead=0)
+
+    def tell(self) -> int:
+        """Return the position."""
+        return self._guarded(self._stream.tell, instead=0)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer."""
+        return self._guarded(self._stream.readinto, buffer, instead=len(buffer))
+
+    def finish(self) -> None:
+        """Push everything to the disk; raise the first `OSError` of this or any earlier operation."""
+        self.flush()
+        self._guarded(os.fsync, self._stream.fileno(), instead=0)
+        if self._failure is not None:
+            raise self._failure
+
+    def __enter__(self) -> GuardedStream:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        # Closing flushes what a failure has left in the buffer and fails again.
+        self._guarded(self._stream.close, instead=0)
+        if not self._stream.closed:
+            try:
+                self._stream.close()
+            except OSError:
+                self._stream.raw.close()
+
+
+def synchronise_file(path: Path) -> None:
+    """Push a file to the disk; raises `OSError` if the system fails to write it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def synchronise_directory(directory: Path) -> None:
+    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
+    with suppress(OSError):
+        synchronise_file(directory)
+
+
+def first_line(error: OSError) -> str:
+    """Return what the system says ("No space left on device"), or else the first line of the message."""
+    if error.errno:
+        return os.strerror(error.errno)
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+FORMAT_VERSION = 2
+VERSIONS = {"rom": 5, "ensemble": 3, "trajectory": 3, "design": 3}  # of kinds that have changed since
+WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
+_REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
+# that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
+_LIBRARIES = ("v108", "v110")
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# what readers raise where a file is whole and yet not what it should be
+_MISFITS = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, OSError, RuntimeError, MemoryError)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """Where a result came from: enough to repeat the run."""
+
+    scene_toml: str  # the resolved scene
+    parameters: dict[str, float]  # values that the run used, SI units (for an ensemble the nominal ones)
+    seed: int | None  # seed of the random streams, None where nothing is random
+    ranks: int  # number of MPI ranks
+    timings: dict[str, float] = field(default_factory=dict)  # wall time a phase, s
+    remarks: tuple[Remark, ...] = ()  # what the reader of the result has to know
+
+    def write(self, file: h5py.File) -> None:
+        """Write the record into the root attributes and ``/timings`` of an open file."""
+        import h5py
+
+        file.attrs["scene"] = self.scene_toml
+        file.attrs["parameters"] = json.dumps({name: float(value) for name, value in self.parameters.items()})
+        file.attrs["seed"] = h5py.Empty("i8") if self.seed is None else self.seed
+        file.attrs["ranks"] = self.ranks
+        file.attrs["remarks"] = to_json(self.remarks)
+        needed = plugins_of(self.scene_toml)
+        if needed:
+            file.attrs["plugins"] = json.dumps(needed)
+        timings = file.create_group("timings", track_order=True)
+        for phase, seconds in self.timings.items():
+            put(timings, phase, float(seconds), "s", f"wall time of phase '{phase}', maximum over the ranks")
+
+    @classmethod
+    def read(cls, file: h5py.File) -> RunRecord:
+        """Read the record of a file opened with :func:`open_file`.
+
+        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
+        """
+        with shapes_of(file):
+            needed = json.loads(file.attrs.get("plugins", "{}"))
+            needed = {str(name): str(sha256) for name, sha256 in needed.items()}
+        check_plugins(needed, file.filename)
+        with shapes_of(file):
+            seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
+            return cls(
+                scene_toml=_toml(file.attrs["scene"]),
+                parameters={str(name): float(value) for name, value in parameters.items()},
+                seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
+                ranks=int(file.attrs["ranks"]),
+                timings={phase: float(data[()]) for phase, data in file["timings"].items()},
+                remarks=from_json(file.attrs["remarks"]),
+            )
+
+
+def _toml(value: object) -> str:
+    """Return the scene of a file; raises `TypeError` where it is no text, and `ValueError` where it is no TOML."""
+    if not isinstance(value, str):
+        raise TypeError(f"a text was expected, and {type(value).__name__} found")
+    try:
+        tomllib.loads(value)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"its scene is no TOML: {error}") from error
+    return value
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: bool = True) -> Iterator[Path]:
+    """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
+
+    To be called by one process only. Raises `RunError` if the system fails to write (a full disk, say); an older file
+    under ``path`` is left as it was.
+
+    Parameters
+    ----------
+    path
+        The file to be replaced.
+    what
+        What it is, for the message.
+    pushed
+        Whether it is pushed to the disk before that. What is not outlives its process, but perhaps not its machine.
+    """
+    path = Path(path)
+    partial = partial_path(path, os.getpid())
+    try:
+        yield partial
+        if pushed:
+            synchronise_file(partial)
+        os.replace(partial, path)
+        if pushed:
+            synchronise_directory(path.parent)
+    except OSError as error:
+        raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def write_file(
+    path: str | os.PathLike[str], kind: str, attributes: Mapping[str, Any] | None = None
+) -> Iterator[h5py.File]:
+    """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
+
+    To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
+    written (see :func:`~pgmp_petsc.files.claims.check_output`); `RunError` if the system fails to write (a full disk,
+    say); an older file under `path` is left as it was.
+
+    Parameters
+    ----------
+    path : path-like
+        Target; an existing file of the same kind is replaced.
+    kind : str
+        One of :data:`KINDS`.
+    attributes : mapping, optional
+        Further root attributes.
+    """
+    import h5py
+
+    if kind not in KINDS:
+        raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
+    with replacing(check_output(path, kind)) as partial:
+        with GuardedStream(partial) as stream:
+            with h5py.File(
+                partial, "w", driver="fileobj", fileobj=stream, userblock_size=SIZE, libver=_LIBRARIES
+            ) as file:
+                file.attrs["format_version"] = version_of(kind)
+                file.attrs["program_version"] = __version__
+                file.attrs["kind"] = kind
+                for name, value in (attributes or {}).items():
+                    file.attrs[name] = value
+                yield file
+            stream.finish()
+        seal(partial, kind, version_of(kind))
+
+
+def version_of(kind: str) -> int:
+    """Return the format version of files of a kind."""
+    return VERSIONS.get(kind, FORMAT_VERSION)
+
+
+def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
+    """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
+
+    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
+    attributes.
+
+    Returns
+    -------
+    h5py.File
+        Use it in a ``with`` block, with :func:`shapes_of` around what is read.
+    """
+    import h5py
+
+    kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
+    path = Path(path)
+    _check_sealed(path, kinds)
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise InputError(f"file '{path}' is damaged: {first_line(error)}; write it again") from error
+    try:
+        with shapes_of(file):
+            _check_attributes(file, path, kinds)
+    except Exception:
+        file.close()
+        raise
+    return file
+
+
+@contextmanager
+def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]:
+    """Turn what does not fit together in a file that is being read, or was, into an `InputError`, which ends with the
+    cure."""
+    try:
+        yield
+    except _MISFITS as error:
+        reason = error.args[0] if error.args else type(error).__name__
+        name = file if isinstance(file, Path) else file.filename
+        raise InputError(f"file '{name}' is damaged: {reason}; {cure}") from error
+
+
+def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:
+    """Write a dataset with its ``unit`` ("1" if it has none) and ``description``; return it."""
+    dataset = group.create_dataset(name, data=data)
+    dataset.attrs["unit"] = unit
+    dataset.attrs["description"] = description
+    return dataset
+
+
+def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
+    """Read a dataset of numbers, or of texts, and check its number of dimensions.
+
+    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
+    """
+    import h5py
+
+    where = f"dataset '{group.name.rstrip('/')}/{name}'"
+    if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
+        raise ValueError(f"{where} is missing: '{group.name}' is no group")
+    if name not in group:
+        raise ValueError(f"{where} is missing")
+    dataset = group[name]
+    if not isinstance(dataset, h5py.Dataset):
+        raise ValueError(f"{where} is a group")
+    if dataset.shape is None or dataset.ndim != n_dimensions:
+        raise ValueError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
+    if (h5py.check_string_dtype(dataset.dtype) is not None) != texts or not texts and dataset.dtype.kind not in "biuf":
+        raise ValueError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
+    if dataset.nbytes > group.file.id.get_filesize():  # nothing is compressed: it was never written
+        raise ValueError(f"{where} has shape {dataset.shape}, more than the file holds")
+    return np.asarray(dataset[()])
+
+
+def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
+    """Raise `InputError` unless a file is whole and of one of ``kinds``, without reading it as HDF5."""
+    try:
+        if not path.exists():
+            raise InputError(f"file '{path}' does not exist; needed: {_names(kinds)}")
+        if not path.is_file():
+            what = "a directory" if path.is_dir() else "a device, a pipe or a socket"
+            raise InputError(f"'{path}' is {what}; needed: a file that holds {_names(kinds)}")
+        if not os.access(path, os.R_OK):
+            raise InputError(f"file '{path}': no permission to read it")
+        found = check_seal(path)
+    except BrokenSeal as broken:
+        raise InputError(_unsealed(path, broken, kinds)) from broken
+    except OSError as error:
+        raise InputError(f"file '{path}' cannot be read: {first_line(error)}; needed: {_names(kinds)}") from error
+    if found.kind not in kinds:
+        raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}")
+    if found.format != version_of(found.kind):
+        raise InputError(
+            f"file '{path}' has format version {found.format}; this pgmp {__version__} reads version "
+            f"{version_of(found.kind)}; {BUILD_AGAIN if found.kind == 'rom' else WRITE_AGAIN}"
+        )
+
+
+def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
+    """Return what is wrong with a file without a good seal."""
+    with open(path, "rb") as stream:
+        head = stream.read(SIZE + len(_SIGNATURE))
+    if head.startswith(_SIGNATURE):
+        return (
+            f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; "
+            f"needed: {_names(kinds)}; write it again"
+        )
+    if head.startswith(MAGIC) or head[SIZE:] == _SIGNATURE:
+        return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
+    cure = ""
+    if path.suffix.lower() == ".toml" and "rom" in kinds:
+        cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or run the full-order model with --full"
+    return f"file '{path}' is not an HDF5 file; needed: {_names(kinds)} written by pgmp{cure}"
+
+
+def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> None:
+    """Raise `InputError` unless the root attributes are those of a file of one of ``kinds``."""
+    missing = [name for name in _REQUIRED if name not in file.attrs]
+    if missing:
+        raise InputError(f"file '{path}' lacks the attribute(s) {', '.join(missing)}; write it again")
+    version, kind = file.attrs["format_version"], file.attrs["kind"]
+    if str(kind) not in kinds or str(version) != str(version_of(str(kind))):
+        raise InputError(f"file '{path}' is damaged: its attributes say {kind}, version {version}; write it again")
+
+
+def _names(kinds: tuple[str, ...]) -> str:
+    """Return the kinds as words: 'a trajectory or a table of modes'."""
+    return " or ".join(named(kind) for kind in kinds)
+
+
+WITH_UNIT = re.compile(r"(.*?)\s*\((.*)\)")
+#: What other programs put between columns.
+OTHERS = {";": "semicolons", "\t": "tabs"}
+
+
+def csv_table(
+    stream: TextIO, where: str, units: Mapping[str, str]
+) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
+    """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
+
+    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
+    entries.
+
+    Parameters
+    ----------
+    stream
+        Opened with ``encoding="utf-8-sig", newline=""``.
+    where
+        How messages name the file.
+    units
+        By name, the unit of each column that has a part; empty where only SI is known.
+    """
+    rows = csv.reader(stream, skipinitialspace=True)
+    first = [name.strip() for name in next(rows, [])]
+    for sign, plural in OTHERS.items():
+        if len(first) == 1 and sign in first[0]:
+            shown = shortened(" ".join(first[0].split()), 60)
+            raise InputError(
+                f"{where}: columns are separated by {plural} ('{shown}'); commas are needed, and points in numbers"
+            )
+    names = [_without_unit(name, where, units) for name in first]
+    return names, _rows(rows, len(names), where)
+
+
+def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
+    """Return the name of a column without its unit, which has to be the one that is asked for."""
+    parts = WITH_UNIT.fullmatch(column)
+    if column in units or parts is None or parts[1] not in units:
+        return column
+    name, unit = parts.groups()
+    if unit.strip() != units[name]:
+        needed = units[name] or "SI units"
+        raise InputError(f"{where}: the column '{column}' has to be in {needed}: convert it, and name it '{name}'")
+    return name
+
+
+def _rows(rows: Iterator[list[str]], n_columns: int, where: str) -> Iterator[tuple[int, list[str]]]:
+    for row in rows:
+        if row and len(row) != n_columns:
+            raise InputError(
+                f"{where}: line {rows.line_num} has {len(row)} entries; the first line names {n_columns} columns"
+            )
+        if row:
+            yield rows.line_num, row

@@ -1,0 +1,494 @@
+"""Compiled functions: numba's ``njit`` with a cache on disk whose loss costs time and never a run.
+
+Numba itself ends with a traceback where it finds no folder that it may write to, where the disk is full, and where a
+file of the cache is damaged. Here the function is compiled again, and the first such problem is kept for a warning.
+
+Numba looks at the file of a function alone, and would take up code into which a function of another file was compiled
+before that one changed, as after an update of a checkout: wrong numbers without a word. What is kept is therefore
+marked by all that is compiled into it: the code of the functions that it calls, one after the other, and the values of
+the names that they read. Words, and functions that it does not call, may change.
+
+Processes that compile at once may also write two signatures of one function to the same file; numba would call the
+wrong one. What is loaded is therefore compared with what was asked for. What Python calls, and what is apart, is
+compiled by one process at a time; others wait, and load it.
+
+Compiling takes minutes where a run takes seconds: while it goes on, the counts of progress say so.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import functools
+import hashlib
+import inspect
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import binding, ir
+from numba.core import cgutils, codegen, environment, event, extending, imputils, sigutils, types, typing
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import _nrt_python
+
+from pgmp_petsc.base.progress import waits_for
+from pgmp_petsc.lanes import machine_code
+
+CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
+COMPILING = "compiling, once for scenes of this kind"
+PATIENCE = 300.0  # s, for what another process compiles
+MAKE = "pgmp_make"  # what compiled code has a function apart made by
+PACKAGE = Path(__file__).parent.parent
+LIBRARIES = ("numpy", "numba", "math")  # numba knows their functions; its version marks its files
+_problems: list[str] = []
+#: Of functions apart: the word with their address, module, function and types of the arguments, by name.
+_slots: dict[str, tuple[ctypes.c_void_p, str, str, tuple]] = {}
+_called_by_address: list[Any] = []
+
+
+def njit(
+    *, cache: bool = False, counted: bool = True, entry: bool = False, apart: Any = None, **options: Any
+) -> Callable[[Callable], Callable]:
+    """Return numba's decorator with the same options; a cache that fails is done without.
+
+    A function that neither makes nor returns arrays can do without `counted` references to them; they took 40 % of the
+    steps of reduced models. An `entry` is called from Python alone: what other compiled functions would take it up from
+    is not kept in the cache, as reading that is most of what loading a large function takes.
+
+    Of what a function calls numba takes a copy into it, and optimises that again: code that is five calls deep is
+    compiled five times, and all that could be called is compiled. A function `apart` is compiled, or loaded, when it is
+    first called, once for each set of types: what a scene has not is not compiled. Such a call takes a nanosecond and
+    1.4 for each array among its arguments, so that it is for functions that do much. `apart` is True where nothing is
+    returned, else the type of what is, or what gives it from the types of the arguments.
+
+    What lets Python call a function, arguments taken from their objects and the function once more, is compiled for
+    entries, and for others where Python calls them: without it, `linked`, other functions call them.
+    """
+
+    def decorate(function: Callable) -> Callable:
+        # nothing here is called from C; the wrapper for that would be compiled with each function. Whether references
+        # are counted is said in either case: a function takes it from its first caller otherwise
+        dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
+        dispatcher.apart = apart
+        if numba.config.DISABLE_JIT:
+            return dispatcher
+        dispatcher._compilation_chain_init_hook = _no_extensions
+        kind = _EntryCache if entry or apart else _LenientCache
+        if cache:
+            dispatcher._cache = kind(function)
+        if entry:
+            return dispatcher
+        linked = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(function)
+        linked._compilation_chain_init_hook = _no_extensions
+        if cache:
+            linked._cache = kind(function, "-linked")
+        dispatcher.linked = linked
+        dispatcher.get_call_template, dispatcher.get_overload = linked.get_call_template, linked.get_overload
+        if apart:
+            dispatcher.get_call_template = functools.partial(_call_template, linked, apart)
+            dispatcher.get_overload = functools.partial(_call_of, linked, apart)
+        return dispatcher
+
+    return decorate
+
+
+class NotCompiledError(RuntimeError):
+    """A function could not be compiled when it was called; why is written to standard error."""
+
+
+def _call_template(linked: Any, returns: Any, args: tuple, kws: dict) -> tuple:
+    """Return the signature of a call of a function apart, in numba's form; nothing is compiled."""
+    pysig, folded = linked._compiler.fold_argument_types(args, kws)
+    takes = tuple(types.unliteral(one) for one in folded)
+    signature = typing.signature(_returned(returns, takes), *takes)
+    name = linked.py_func.__name__
+    return typing.make_concrete_template(name, key=name, signatures=[signature]), pysig, folded, {}
+
+
+def _returned(returns: Any, takes: tuple) -> types.Type:
+    if returns is True:
+        return types.none
+    return returns if isinstance(returns, types.Type) else returns(*takes)
+
+
+def _call_of(linked: Any, returns: Any, signature: Any) -> Any:
+    """Return the key of what numba lowers a call of a function apart by."""
+    arguments = tuple(sigutils.normalize_signature(signature)[0])
+    returned = _returned(returns, arguments)
+    function = linked.py_func
+    text = f"{function.__module__}.{function.__qualname__}{arguments}"
+    key = f"{function.__qualname__}:{hashlib.sha256(text.encode()).hexdigest()}"
+    _make_slot(key, function.__module__, function.__qualname__, arguments)
+    if not linked.targetctx._defns[key].versions:
+
+        def call(context: Any, builder: ir.IRBuilder, sig: Any, args: Sequence) -> ir.Value:
+            return _lower_call(context, builder, key, returned, arguments, args)
+
+        call.signature, call.libs = arguments, ()
+        linked.targetctx._defns[key].append(call, call.signature)
+    return key
+
+
+def _lower_call(
+    context: Any, builder: ir.IRBuilder, key: str, returned: types.Type, takes: tuple, args: Sequence
+) -> ir.Value:
+    """Write the call of what the word of a function apart points to, which is compiled if it points nowhere."""
+    pointer = ir.IntType(8).as_pointer()
+    word = builder.module.globals.get(key) or ir.GlobalVariable(builder.module, pointer, key)
+    with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(word))):
+        make = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.IntType(32), [pointer.as_pointer()]), MAKE
+        )
+        status = builder.call(make, [word])
+        for number, error in enumerate((NotCompiledError, KeyboardInterrupt), 1):
+            with cgutils.if_unlikely(builder, builder.icmp_signed("==", status, ir.IntType(32)(number))):
+                context.call_conv.return_user_exc(builder, error, ())
+    kind = context.call_conv.get_function_type(returned, takes)
+    function = builder.bitcast(builder.load(word), kind.as_pointer())
+    status, value = context.call_conv.call_function(builder, function, returned, takes, args)
+    with cgutils.if_unlikely(builder, status.is_error):
+        context.call_conv.return_status_propagate(builder, status)
+    return imputils.impl_ret_new_ref(context, builder, returned, value)
+
+
+def _make_slot(key: str, module: str, function: str, arguments: tuple) -> None:
+    """Make known where compiled code finds the address of a function apart."""
+    if not _slots:
+        binding.add_symbol(MAKE, ctypes.cast(_make, ctypes.c_void_p).value)
+    if key not in _slots:
+        _slots[key] = ctypes.c_void_p(), module, function, arguments
+        binding.add_symbol(key, ctypes.addressof(_slots[key][0]))
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+def _make(address: int) -> int:
+    """Compile, or load, the function apart whose word has an address; return 0, or which exception to raise."""
+    try:
+        word, module, name, arguments = next(one for one in _slots.values() if ctypes.addressof(one[0]) == address)
+        linked = getattr(import_module(module), name).linked
+        linked.compile(arguments)
+        made = linked.overloads[arguments]
+        word.value = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    except KeyboardInterrupt:
+        return 2
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def _come_before(library: Any) -> list[Callable[[], None]]:
+    """Return what makes known the functions apart that compiled code calls."""
+    names = [variable.name for variable in library._final_module.global_variables if variable.name in _slots]
+    return [functools.partial(_make_slot, name, *_slots[name][1:]) for name in names]
+
+
+def native_address(function: Callable, result: Any, takes: tuple) -> int:
+    """Compile a function of numba's types and return where its machine code is: compiled code may call it from there.
+
+    The function is kept alive with the process.
+    """
+    dispatcher = njit(cache=True, entry=True, counted=False, error_model="numpy")(function)
+    dispatcher.compile(result(*takes))
+    _called_by_address.append(dispatcher)
+    made = dispatcher.overloads[takes]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
+def cache_problem() -> str | None:
+    """Return what the first problem with the cache was in this process, with its cure, or None."""
+    return _problems[0] if _problems else None
+
+
+def _no_extensions() -> None:
+    """Ask no other package for types of its own: there are none here, and numba would look through all that are
+    installed."""
+
+
+class _ByName(CompileResultCacheImpl):
+    """Keeps a function under its name, whichever line of its file it begins in."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        """Return what the names of its files begin with."""
+        fullname = fullname.replace("<", "").replace(">", "")
+        return f"{fullname}.{sys.implementation.cache_tag}{abiflags}"
+
+
+class _LenientCache(FunctionCache):
+    """The cache of one function; what cannot be read counts as absent, what cannot be written stays away.
+
+    Its folder is looked for when it is first asked for something: most functions are parts of others, which bring them
+    along, and looking for a folder tries to write there.
+    """
+
+    _impl_class = _ByName
+
+    def __init__(self, function: Callable, ending: str = "") -> None:
+        self._function, self._ending, self._is_open = function, ending, False
+
+    def _open(self) -> bool:
+        """Look for the folder, unless that was done; return whether there is one."""
+        if not self._is_open:
+            self._is_open, self._enabled = True, False
+            try:
+                super().__init__(self._function)
+                mark = compiled_mark(self._function)
+                self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base + self._ending, mark)
+            except (RuntimeError, OSError) as error:  # no locator has a folder
+                _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
+        return self._enabled
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled function of a signature, or None.
+
+        Numba would first load all that it can compile, which takes longer than all else here together, and compile its
+        counting of references. What is compiled already has that in it, and calls the allocation of arrays alone; where
+        something is to be compiled, numba loads the rest.
+        """
+        if not self._open():
+            return None
+        try:
+            _register_allocation()
+            with _bare_environments():
+                found = self._load_overload(sig, target_context)
+        except Exception as error:  # a damaged pickle raises anything
+            _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
+            self._drop()
+            return None
+        if found is not None and tuple(found.signature.args) != tuple(sigutils.normalize_signature(sig)[0]):
+            return None
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function of a signature."""
+        if not self._open():
+            return
+        try:
+            super().save_overload(sig, data._replace(reload_init=[*data.reload_init, *_come_before(data.library)]))
+        except Exception as error:  # a damaged index is read here too
+            _note(f"compiled code is not kept in {self.cache_path} ({_first(error)}); {CURE}")
+
+    def _drop(self) -> None:
+        """Forget the index, so that the next function kept starts another one."""
+        try:
+            self.flush()
+        except OSError:
+            pass  # keeping the function will fail too, and say so
+
+
+def compiled_mark(function: Callable) -> str:
+    """Return what tells all that is compiled into a function of the package.
+
+    That is the code of the functions that it calls, one after the other, and the values of the names that they read. Of
+    a function apart only its name and what it returns are compiled into its callers. What teaches numba types of the
+    package is known to all.
+    """
+    marks: dict[Callable, str] = {}
+    todo = [function]
+    while todo:
+        each = todo.pop()
+        if each not in marks:
+            own, called = _own_mark(each)
+            marks[each] = f"{each.__module__}.{each.__qualname__} {own}"
+            todo.extend(called)
+    return _checksum(text_mark(*_teaching()), *sorted(marks.values()))
+
+
+def text_mark(*modules: str) -> str:
+    """Return what tells the texts of modules of the package."""
+    return _checksum(*(_text_of(name) for name in modules))
+
+
+def _checksum(*parts: str) -> str:
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+@functools.cache
+def _text_of(module: str) -> str:
+    return PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
+
+
+@functools.cache
+def _teaching() -> tuple[str, ...]:
+    """Return the modules of this room that teach numba types, or how something of them is compiled."""
+    room = __name__.rpartition(".")[0]
+    names = sorted(f"{room}.{path.stem}" for path in Path(__file__).parent.glob("*.py"))
+    return tuple(name for name in names if "numba.extending import" in _text_of(name))
+
+
+@functools.cache
+def _own_mark(function: Callable) -> tuple[str, tuple[Callable, ...]]:
+    """Return what tells a function's own code and the values that it reads, and which functions it calls."""
+    called: list[Callable] = []
+    codes, parts = [function.__code__], [repr(function.__defaults__)]
+    names: set[str] = set()
+    while codes:
+        code = codes.pop()
+        words = code.co_consts[1:] if code.co_consts[:1] == (function.__doc__,) else code.co_consts
+        codes += [each for each in words if isinstance(each, CodeType)]
+        parts += [code.co_code.hex(), repr([each for each in words if not isinstance(each, CodeType)])]
+        parts += [repr(code.co_names), repr(code.co_varnames)]
+        names.update(code.co_names)
+    held = {name: function.__globals__[name] for name in names if name in function.__globals__}
+    held |= inspect.getclosurevars(function).nonlocals
+    for name, value in sorted(held.items()):
+        values = [value]
+        if isinstance(value, ModuleType) and value.__name__.startswith(f"{PACKAGE.name}."):
+            values = [getattr(value, each) for each in sorted(names) if hasattr(value, each)]
+        parts += [name, *(_read(each, called) for each in values)]
+    return _checksum(*parts), tuple(called)
+
+
+def _read(value: Any, called: list[Callable]) -> str:
+    """Return what tells a value that compiled code reads; a function that it calls is added to `called`."""
+    if isinstance(value, Dispatcher):
+        options = repr(sorted(value.targetoptions.items()))
+        if value.apart is None:
+            called.append(value.py_func)
+            return options
+        return f"{value.py_func.__module__} {options} {_read(value.apart, called)}"
+    if isinstance(value, FunctionType) and value.__module__.partition(".")[0] not in LIBRARIES:
+        called.append(value)
+        return value.__qualname__
+    if isinstance(value, tuple | list):
+        return repr([_read(each, called) for each in value])
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    if isinstance(value, extending._Intrinsic):
+        return text_mark(value._defn.__module__)
+    if isinstance(value, type):
+        return f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
+    if isinstance(value, ModuleType | BuiltinFunctionType | FunctionType | np.ufunc):
+        return value.__name__
+    if isinstance(value, bool | int | float | complex | str | None | np.generic | np.dtype | types.Type):
+        return repr(value)
+    raise TypeError(f"nothing tells changes of {value!r}, which compiled code reads")
+
+
+@functools.cache
+def _register_allocation() -> None:
+    """Make known where numba's allocation of arrays is, as it does when it begins to compile."""
+    for name, address in _nrt_python.c_helpers.items():
+        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@contextmanager
+def _bare_environments() -> Iterator[None]:
+    """Let no module of numba's be imported for what is loaded within the block.
+
+    Numba wants the globals of all that was compiled into a function, and imports what it compiles array functions with
+    to have them. Only code that was not compiled looks globals up, of which there is none here.
+    """
+    rebuild = environment._rebuild_env
+
+    def bare(module: str, constants: Sequence, name: str) -> environment.Environment:
+        found = environment.lookup_environment(name)
+        if found is not None or not module.startswith("numba."):
+            return rebuild(module, constants, name)
+        made = environment.Environment({"__name__": module})
+        made.consts[:], made.env_name = constants, name
+        environment.Environment._memo[name] = made
+        return made
+
+    environment._rebuild_env = bare
+    try:
+        yield
+    finally:
+        environment._rebuild_env = rebuild
+
+
+class _NamesAlone(_ByName):
+    """Keeps the machine code of a function, and of its intermediate code the names that are defined."""
+
+    def reduce(self, cres: Any) -> tuple:
+        """Return what is kept."""
+        cres.library.make()
+        (name, kind, (machine_code, bitcode)), *rest = super().reduce(cres)
+        module = binding.parse_bitcode(bitcode)
+        defined = [function.name for function in module.functions if not function.is_declaration]
+        text = "\n".join(f'define void @"{each}"() {{ ret void }}' for each in defined)
+        return (name, kind, (machine_code, binding.parse_assembly(text).as_bitcode())), *rest
+
+
+class _EntryCache(_LenientCache):
+    """The cache of a function that Python alone calls, or of one apart; what one process compiles, others wait for."""
+
+    _impl_class = _NamesAlone
+    _lock: int | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled function of a signature, or None, and then no other process compiles it."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._enabled:
+            self._take_lock()
+            found = super().load_overload(sig, target_context)
+            if found is not None:
+                self._give_back_lock()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function of a signature."""
+        super().save_overload(sig, data)
+        self._give_back_lock()
+
+    def _take_lock(self) -> None:
+        """Wait until no other process compiles the function.
+
+        Where there are no locks, or another takes too long, it is compiled twice.
+        """
+        self._give_back_lock()
+        try:
+            self._impl.locator.ensure_cache_path()
+            lock = os.open(self._cache_file._index_path.removesuffix("nbi") + "lock", os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:
+            return
+        self._lock, until = lock, time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                time.sleep(0.02)
+            except OSError:
+                return
+
+    def _give_back_lock(self) -> None:
+        """Let others compile."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+class _Compiling(event.Listener):
+    """Tells the counts of progress when something is compiled, and when it is done."""
+
+    def on_start(self, _: event.Event) -> None:
+        """Say that it began."""
+        waits_for(COMPILING)
+
+    def on_end(self, _: event.Event) -> None:
+        """Say no more."""
+        waits_for(None)
+
+
+event.register("numba:compile", _Compiling())
+codegen.JITCPUCodegen._library_class = machine_code.Library
+
+
+def _note(problem: str) -> None:
+    """Keep a problem."""
+    _problems.append(problem)
+
+
+def _first(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0] or type(error).__name__

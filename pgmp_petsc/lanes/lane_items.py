@@ -1,0 +1,254 @@
+"""Compiled code that is written once for one sample and for LANES of them side by side.
+
+Arrays of samples have the shape (..., n_lanes), with one lane or LANES. `items` sees them as arrays without the last
+axis, of numbers or of vectors (`vectors`), and everything here takes both: a kernel reads as that of one sample, and
+is compiled for either when it is called with it. Which one follows from the type of a tuple as long as there are lanes
+(`width_of`).
+
+A sample's numbers are the same to the last bit alone and in any lane. Kernels on items are therefore compiled without
+freedom in the order and the rounding of operations; products and sums are contracted by `fused` alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import CACHE_LINE, LANES, blend, exceeding, vector
+
+WIDE = (0.0,) * LANES
+
+
+def width_of(n_lanes: int) -> tuple[float, ...]:
+    """Return the tuple that tells compiled functions how many lanes there are."""
+    return (0.0,) * n_lanes
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array of any numbers that begins at a cache line.
+
+    Memory that was in use before is taken again as it is; for zeros it would be swept first (`vectors.aligned_zeros`).
+    """
+    size = math.prod(shape)
+    buffer = np.empty(size + CACHE_LINE // 8)
+    first = (-buffer.ctypes.data % CACHE_LINE) // 8
+    return buffer[first : first + size].reshape(shape)
+
+
+@intrinsic
+def items(typing, array, width):
+    """Return the same numbers without the axis of lanes: an array of numbers for one lane, or of vectors.
+
+    They are not counted as a user of the array (counting them would take as long as some of the work): an array that a
+    kernel has made needs a `keep` behind the last use of its items.
+    """
+    alone = len(width) == 1
+    of = types.float64 if alone else vector
+    # numpy's arrays begin anywhere: nothing is promised about where vectors lie
+    result = types.Array(of, array.ndim - 1, "C", aligned=alone)
+
+    def build(context, builder, sig, args):
+        from numba.np.arrayobj import populate_array  # a noticeable time, and what is compiled has no use for it
+
+        source = context.make_array(array)(context, builder, args[0])
+        made = context.make_array(result)(context, builder)
+        shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
+        data = builder.bitcast(source.data, context.get_data_type(of).as_pointer())
+        itemsize = context.get_constant(types.intp, 8 * len(width))
+        populate_array(made, data, shape, strides, itemsize, None, None)
+        return made._getvalue()
+
+    return result(array, width), build
+
+
+@njit(inline="always")
+def empty_lanes(n, n_lanes):
+    """Return an array (n, n_lanes) of any numbers that begins at a cache line."""
+    buffer = np.empty(n * n_lanes + CACHE_LINE // 8)
+    first = (-buffer.ctypes.data % CACHE_LINE) // 8
+    return buffer[first : first + n * n_lanes].reshape((n, n_lanes))
+
+
+@intrinsic
+def of_column(typing, array, row, column, width):
+    """Return what columns (..., LANES) have for all lanes, the vector in a row (all axes but the last count as one), or
+    for a sample alone one number of it."""
+    alone = len(width) == 1
+    of = types.float64 if alone else vector
+
+    def build(context, builder, sig, args):
+        data = context.make_array(array)(context, builder, args[0]).data
+        first = builder.mul(args[1], ir.Constant(args[1].type, LANES))
+        place = builder.gep(data, [builder.add(first, args[2]) if alone else first])
+        return builder.load(builder.bitcast(place, context.get_data_type(of).as_pointer()), align=8)
+
+    return of(array, types.intp, types.intp, width), build
+
+
+@intrinsic
+def borrowed(typing, array):
+    """Return the same array, not counted as a user of it either: functions that it is handed to need not count."""
+
+    def build(context, builder, sig, args):
+        made = context.make_array(array)(context, builder, args[0])
+        made.meminfo, made.parent = (cgutils.get_null_value(part.type) for part in (made.meminfo, made.parent))
+        return made._getvalue()
+
+    return array(array), build
+
+
+@intrinsic
+def keep(typing, array):
+    """Use an array made here once more: items do not own it, and it would be given back after its own last use."""
+    return types.void(array), lambda context, builder, sig, args: context.get_dummy_value()
+
+
+def _operation(name: str, n_arguments: int, about: str) -> Callable:
+    """Return a function of numbers or vectors that LLVM has; of both where some are vectors, a vector."""
+
+    def lowered(arguments: tuple[types.Type, ...]) -> tuple[Any, Callable]:
+        result = vector if vector in arguments else types.float64
+
+        def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+            of = context.get_data_type(result)
+            parts = [context.cast(builder, part, own, result) for part, own in zip(args, sig.args)]
+            suffix = f"v{LANES}f64" if result is vector else "f64"
+            called = ir.FunctionType(of, [of] * n_arguments)
+            return builder.call(cgutils.get_or_insert_function(builder.module, called, f"llvm.{name}.{suffix}"), parts)
+
+        return result(*(vector if part is vector else types.float64 for part in arguments)), build
+
+    if n_arguments == 1:
+
+        @intrinsic
+        def function(typing, x):
+            return lowered((x,))
+
+    else:
+
+        @intrinsic
+        def function(typing, x, y, z):
+            return lowered((x, y, z))
+
+    function.__doc__ = about
+    return function
+
+
+square_root = _operation("sqrt", 1, "Return the square root of every number.")
+floor = _operation("floor", 1, "Return the largest whole number below or at every number.")
+absolute = _operation("fabs", 1, "Return the absolute value of every number.")
+nearest_whole = _operation("rint", 1, "Return the whole number that is nearest to every number.")
+# "fmuladd" is one instruction where the machine has it, in vectors and in numbers alike
+fused = _operation("fmuladd", 3, "Return ``x y + z``, contracted where the machine can.")
+
+
+@intrinsic
+def select(typing, lanes, x, y):
+    """Return x in some lanes, y in the others."""
+    if x is vector or y is vector:
+
+        def build(context, builder, sig, args):
+            return blend._defn(typing, lanes, vector, vector)[1](context, builder, sig, args)
+
+        return vector(types.int64, vector, vector), build
+
+    def build_one(context, builder, sig, args):
+        return builder.select(builder.trunc(args[0], ir.IntType(1)), args[1], args[2])
+
+    return types.float64(types.int64, types.float64, types.float64), build_one
+
+
+@intrinsic
+def beyond(typing, x, y):
+    """Return the lanes where not x <= y: a NaN counts."""
+    if x is vector or y is vector:
+
+        def build(context, builder, sig, args):
+            return exceeding._defn(typing, vector, vector)[1](context, builder, sig, args)
+
+        return types.int64(vector, vector), build
+
+    def build_one(context, builder, sig, args):
+        return builder.zext(builder.fcmp_unordered(">", *args), ir.IntType(64))
+
+    return types.int64(types.float64, types.float64), build_one
+
+
+@intrinsic
+def angle_of(typing, y, x):
+    """Return the angle of the point (x, y) in every lane, in (-pi, pi]; by the library's function, lane by lane."""
+    result = vector if vector in (x, y) else types.float64
+    number = ir.DoubleType()
+
+    def build(context, builder, sig, args):
+        of = ir.FunctionType(number, [number, number])
+        function = cgutils.get_or_insert_function(builder.module, of, "atan2")
+        if result is types.float64:
+            return builder.call(function, args)
+        found = args[0]
+        for lane in range(LANES):
+            place = ir.Constant(ir.IntType(32), lane)
+            one = builder.call(function, [builder.extract_element(part, place) for part in args])
+            found = builder.insert_element(found, one, place)
+        return found
+
+    return result(result, result), build
+
+
+@njit(inline="always")
+def fill(array, number, width):
+    """Put a number into all items of an array (n, n_lanes)."""
+    places = items(array, width)
+    for k in range(places.size):
+        places[k] = number
+
+
+@njit(error_model="numpy", forceinline=True)
+def lanes_of(mask):
+    """Return the set of lanes that a mask (n_lanes,) has."""
+    lanes = 0
+    for lane in range(mask.size):
+        lanes |= np.int64(mask[lane]) << lane
+    return lanes
+
+
+# pi / 2 in three parts, whose products with whole numbers up to 2^20 are exact, and the polynomials of both functions
+# up to pi / 4 (Sun's fdlibm): the highest power first
+PI_HALVES = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+SINE = (
+    1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06, -1.98412698298579493134e-04,
+    8.33333333332248946124e-03, -1.66666666666666324348e-01,
+)  # fmt: skip
+COSINE = (
+    -1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07, 2.48015872894767294178e-05,
+    -1.38888888888741095749e-03, 4.16666666666666019037e-02,
+)  # fmt: skip
+
+
+@njit(error_model="numpy", forceinline=True)
+def sine_cosine(x):
+    """Return sine and cosine, to a unit or two in the last place for up to 250,000 revolutions.
+
+    One polynomial is evaluated in all lanes, where the library's functions would be called lane by lane.
+    """
+    turns = floor(x * (2.0 / np.pi) + 0.5)
+    r = ((x - turns * PI_HALVES[0]) - turns * PI_HALVES[1]) - turns * PI_HALVES[2]
+    z = r * r
+    s, c = fused(z, SINE[0], SINE[1]), fused(z, COSINE[0], COSINE[1])
+    s, c = fused(z, s, SINE[2]), fused(z, c, COSINE[2])
+    s, c = fused(z, s, SINE[3]), fused(z, c, COSINE[3])
+    s, c = fused(z, s, SINE[4]), fused(z, c, COSINE[4])
+    s, c = fused(z, s, SINE[5]), fused(z, c, COSINE[5])
+    s, c = fused(r * z, s, r), fused(z * z, c, 1.0 - 0.5 * z)
+    half = floor(0.5 * turns)
+    is_odd = beyond(turns - 2.0 * half, 0.5)
+    sign = 1.0 - 2.0 * (half - 2.0 * floor(0.5 * half))
+    return sign * select(is_odd, c, s), sign * select(is_odd, -s, c)

@@ -1,0 +1,239 @@
+"""The frame of the commands: exit status, who prints what, options for PETSc; on one rank and on three."""
+
+import os
+import re
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+import synthetic
+from conftest import ROOT
+
+from pgmp_petsc.cli.main import split_arguments
+from pgmp_petsc.ranks.petsc import ALONE, OF_RANKS, PREFIXES, option_names
+
+RANKS = (1, 3)
+PGMP = ("-m", "pgmp_petsc.cli.main")
+
+
+@pytest.fixture
+def run(mpirun, parallel_scripts):
+    """Return a function that runs the test's commands on n ranks."""
+
+    def run_command(n: int, *arguments: object, check_status: int = 0) -> subprocess.CompletedProcess[str]:
+        return mpirun(n, parallel_scripts / "commands.py", *arguments, check_status=check_status)
+
+    return run_command
+
+
+def messages(done: subprocess.CompletedProcess[str]) -> list[str]:
+    """Return the lines of stderr that pgmp wrote, not mpirun."""
+    return [line for line in done.stderr.splitlines() if "pgmp: " in line]
+
+
+def test_arguments_are_split_at_the_first_bare_dashes():
+    assert split_arguments(["a", "--b", "--", "-c", "--", "d"]) == (["a", "--b"], ["-c", "--", "d"])
+    assert split_arguments(["a"]) == (["a"], [])
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_rank_0_alone_prints(run, n):
+    done = run(n, "fine")
+    assert done.stdout.splitlines() == ["said", "printed"]
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("n", RANKS)
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("info", "--help"), ("--version",)])
+def test_help_is_printed_once(run, n, arguments):
+    done = run(n, *arguments)
+    assert done.stdout.count("Usage: pgmp") + done.stdout.count("pgmp, version") == 1
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("n", RANKS)
+@pytest.mark.parametrize(
+    ("command", "status", "message"),
+    [
+        ("agreeing", 2, "bodies.rod.mesh: not found"),
+        ("failing", 1, "no convergence"),
+        ("inof", 2, "no command 'inof'; did you mean 'info'? (see 'pgmp --help')"),
+        ("xyzzy", 2, None),
+        ("info --scen f.h5", 2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
+        ("info", 2, "Missing argument 'FILE' (see 'pgmp info --help')"),
+        ("modes s.toml -o m.h5 --angles 1e3", 2, "Invalid value for '--angles': '1e3' is not a whole number in the"),
+        ("animate f.h5 -o f.gif --fps fast", 2, "Invalid value for '--fps': 'fast' is not a number in the range"),
+        ("plot f.h5 -o d --exaggerate nan", 2, "Invalid value for '--exaggerate': 'nan' is not a number in the range"),
+        ("info no.h5", 2, None),
+        ("export rom.h5 --output=", 2, "Invalid value for '-o' / '--output': it is empty; a name is needed, or . for"),
+        ("montecarlo rom.h5 -o e.h5 --samples=", 2, "Invalid value for '--samples': it is empty; a name is needed"),
+        ("fine -- -options_left", 2, None),
+        ("options", 2, "Missing option '-o' / '--output' (see 'pgmp options --help')"),
+    ],
+)
+def test_an_error_is_one_message_and_a_status(run, n, command, status, message):
+    done = run(n, *command.split(), check_status=status)
+    lines = messages(done)
+    assert len(lines) == 1 and lines[0].startswith("pgmp: error: ")
+    assert message is None or lines[0].startswith(f"pgmp: error: {message}")
+    assert done.stdout == "" and "Traceback" not in done.stderr
+
+
+def test_unknown_names_list_the_known_ones(run):
+    assert "; known: agreeing, alone, " in messages(run(1, "xyzzy", check_status=2))[0]
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_a_status_without_message(run, n):
+    assert messages(run(n, "some_failed", check_status=1)) == []
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_an_unexpected_exception_shows_its_traceback_and_ends_all_ranks(run, n):
+    done = run(n, "crashing", check_status=1)
+    assert done.stderr.count("Traceback") == 1
+    assert "ZeroDivisionError: a mistake" in done.stderr
+
+
+def test_open_mpi_can_be_told_to_add_nothing_to_the_message(run, monkeypatch):
+    """What docs/hpc.md says of mpirun's own lines."""
+    loud = run(3, "agreeing", check_status=2).stderr
+    assert loud.index("pgmp: error: bodies.rod.mesh") < loud.index("mpirun detected that one or more processes exited")
+    monkeypatch.setenv("OMPI_MCA_orte_execute_quiet", "1")
+    assert run(3, "agreeing", check_status=2).stderr == "pgmp: error: bodies.rod.mesh: not found\n"
+
+
+def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
+    done = run(3, "alone", check_status=2)
+    first, *others = messages(done)
+    # mpirun writes a line of dashes, which may come before the end of this one
+    assert first.rstrip("-") == "pgmp: error: rank 2 failed alone: known to one rank"
+    # mpirun then ends the others with SIGTERM, and the first rank may still have the time to say what is kept
+    assert all(line.startswith("pgmp: stopped by SIGTERM: ") for line in others)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("memory", "pgmp: error: not enough memory: 16 GiB; take a smaller problem or more ranks on more nodes"),
+        ("permission", "pgmp: error: /data/x: Permission denied"),
+        ("nesting", "pgmp: error: something is nested too deeply to be worked on"),
+        ("text", "pgmp: error: a text or a name is not valid in its encoding: "),
+    ],
+)
+def test_what_the_system_refuses_is_one_message(run, kind, message):
+    done = run(1, "refused", kind, check_status=1)
+    assert [line[: len(message)] for line in messages(done)] == [message]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_an_interrupted_run(run, n):
+    done = run(n, "interrupted", check_status=130)
+    assert "pgmp: interrupted" in done.stderr
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_options_after_the_dashes_reach_petsc(run, n):
+    done = run(n, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
+    assert done.stdout.strip() == "[('flag', '1'), ('options_left', 'no'), ('pgmp_modes_eps_tol', '1e-9')]"
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_options_that_nothing_used_are_named(run, n):
+    """Those of PETSc itself, which it reads when it ends, and those that one rank alone used are not."""
+    given = ("-eps_tol", "1e-3", "-pgmp_ts_used", "-2", "-pgmp_modes_x", "-log_view", ":/dev/null")
+    done = run(n, "using", "--", *given)
+    line = "pgmp: warning: PETSc options that nothing used: -eps_tol -pgmp_modes_x; prefixes here: pgmp_modes_, "
+    assert [message[: len(line)] for message in messages(done)] == [line]
+
+
+@pytest.mark.parametrize("n", RANKS)
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("eps_tol", "1e-3"), "after '--': 'eps_tol' is no option of PETSc; they begin with '-' and take one value"),
+        (("-eps_tol", "1", "2"), "after '--': '2' is no option of PETSc; they begin with '-' and take one value"),
+        (("-malloc_debug", "maybe"), "options after '--': PETSc does not start with -malloc_debug maybe: Invalid"),
+        (("-pgmp_ts_ksp_type", "x"), "PETSc options -pgmp_ts_ksp_type x: Unable to find requested KSP type x"),
+        (("-pgmp_ts_ksp_rtol", "x"), "PETSc options -pgmp_ts_ksp_rtol x: Input string x has no numeric value"),
+    ],
+)
+def test_a_wrong_option_for_petsc_is_one_message(run, n, given, message):
+    done = run(n, "solving", "--", *given, check_status=2)
+    (line,) = messages(done)
+    assert line.startswith(f"pgmp: error: {message}")
+    assert "PETSC ERROR" not in done.stderr and "Traceback" not in done.stderr
+
+
+def test_names_of_options_are_those_that_petsc_stores():
+    given = "-a 1 --b -1e-3 -c -prefix_push x_ -d 2 -prefix_pop -e -inf".split()
+    assert option_names(given) == ["a", "b", "c", "x_d", "e"]
+
+
+def test_every_prefix_is_listed():
+    """In the table of the messages, and in the document."""
+    found = set()
+    for path in (ROOT / "pgmp_petsc").rglob("*.py"):
+        found |= set(re.findall(r'^\w*PREFIX = "(.*)"', path.read_text(encoding="utf-8"), re.MULTILINE))
+    assert found == set(PREFIXES)
+    text = (ROOT / "docs" / "petsc_options.md").read_text(encoding="utf-8")
+    assert all(f"| `{prefix}` |" in text for prefix in PREFIXES)
+
+
+def test_options_for_petsc_where_it_is_not_used(run):
+    done = run(1, "fine", "--", "-log_view", check_status=2)
+    assert "'fine' does not use PETSc, but was given PETSc options after '--': -log_view" in done.stderr
+
+
+def test_commands_that_do_not_need_petsc_do_not_import_it(run):
+    assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
+
+
+@pytest.mark.parametrize(("given", "daemons", "folders"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
+def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, folders):
+    """In a batch job it may be one of several; what it starts itself is not told that it is alone.
+
+    Nor does it make a folder: processes that are alone would share it, and one that ends would take it from others.
+    """
+    script = (
+        "import os; from pgmp_petsc.ranks.petsc import ALONE, start_mpi; size = start_mpi().size\n"
+        "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"
+        "made = os.listdir(os.environ['TMPDIR'])\n"
+        "print(size, len(children), len(made), [name for name in ALONE if name in os.environ])"
+    )
+    given = given | {"TMPDIR": str(tmp_path)}
+    # a test process that itself started MPI passes names on
+    environment = {name: value for name, value in os.environ.items() if name not in (*OF_RANKS, *ALONE)} | given
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.split(maxsplit=3) == ["1", str(daemons), str(folders), "[]\n"]
+
+
+def test_shared_options(run):
+    settings = ("--set", "r1=5e-3", "--set", "a=1", "--override", 'scene.name="a=b"')
+    done = run(1, "options", "-o", "f.h5", *settings)
+    assert done.stdout.strip() == "('r1=5e-3', 'a=1') ('scene.name=\"a=b\"',) f.h5"
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_info_describes_a_file(mpirun, n, tmp_path):
+    synthetic.trajectory("reduced", n_frames=4).write(tmp_path / "t.h5")
+    lines = mpirun(n, *PGMP, "info", tmp_path / "t.h5").stdout.splitlines()
+    text = "\n".join(lines)
+    assert lines[0].endswith("t.h5: trajectory of the reduced model")
+    for expected in ("by pgmp", "slider_crank", "r1 = 0.0056", "seed       none", "ranks      2", "1.250 s"):
+        assert text.count(expected) == 1
+    assert "/frames/points/<4 frames>" in text and "00001" not in text
+    assert any(line.split()[:5] == ["/state/coordinates", "1001", "x", "1", "rad"] for line in lines)
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_what_petsc_still_holds_is_let_go_while_python_lives(mpirun, parallel_scripts, n):
+    mpirun(n, parallel_scripts / "left_behind.py", "closed")
+
+
+@pytest.mark.skipif(not metadata.version("petsc4py").startswith("3.18."), reason="3.26 was seen to do it itself")
+def test_without_that_the_end_of_petsc_may_crash(mpirun, parallel_scripts):
+    """Once this is skipped with Debian's PETSc too, `release_petsc` has no use any more."""
+    assert mpirun(1, parallel_scripts / "left_behind.py", "open", check_status=None).returncode != 0

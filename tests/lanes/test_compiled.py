@@ -1,0 +1,372 @@
+"""The cache of compiled functions: its loss costs time, never a run."""
+
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, TIMEOUT_SECONDS
+
+from pgmp_petsc.lanes import compiled
+
+SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from kernel import double
+from pgmp_petsc.lanes.compiled import cache_problem
+print(double(int(sys.argv[2])), double(0.5), cache_problem())
+"""
+KERNEL = """
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True, error_model="numpy")
+def double(x):
+    return 2 * x
+"""
+
+
+# a function that allocates, returns and refuses arrays, and what is loaded of numba to call it
+ARRAYS = """
+import numpy as np
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True)
+def stairs(x):
+    if x.size > 4:
+        raise ValueError("too long")
+    made = np.empty((x.size, 2))
+    for i in range(x.size):
+        made[i] = x[i] + np.arange(2.0)
+    return made.T.copy()
+"""
+STAIRS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from stairs import stairs
+from pgmp_petsc.lanes.compiled import cache_problem
+for x in (np.arange(3.0), np.zeros(5)):
+    try:
+        print(stairs(x).tolist())
+    except ValueError as error:
+        print(error)
+print("numba.np.arrayobj" in sys.modules, len(stairs.stats.cache_hits))
+print(stairs(np.arange(2)).tolist(), "numba.np.arrayobj" in sys.modules, stairs(np.ones(1)).tolist(), cache_problem())
+"""
+
+# functions in another file that are made when they are first called
+APART = """
+from numba import types
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True, apart=True)
+def halved(pair, x, by=0.5):
+    for i in range(x.size):
+        x[i] *= by * pair[0]
+
+@njit(cache=True, apart=lambda x: x.dtype)
+def added(x):
+    return x.sum()
+
+@njit(cache=True, apart=types.float64)
+def wrong(x):
+    return x.unknown
+"""
+CALLER = """
+from apart import added, halved, wrong
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True, entry=True)
+def quartered(pair, x):
+    if pair[1] > 1:
+        return wrong(x)
+    halved(pair, x)
+    halved(pair, x)
+    return added(x)
+"""
+QUARTERS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from apart import added, halved, wrong
+from caller import quartered
+from pgmp_petsc.lanes.compiled import NotCompiledError, cache_problem
+print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
+print([sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)], len(wrong.linked.overloads))
+code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
+print("define" in code and "mul" in code)
+try:
+    quartered((2.0, 2), np.ones(3))
+except NotCompiledError:
+    print("not compiled")
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path) -> Path:
+    """Return a folder with a compiled function, and an empty one for its cache."""
+    (tmp_path / "source").mkdir()
+    (tmp_path / "source" / "kernel.py").write_text(KERNEL)
+    (tmp_path / "cache").mkdir()
+    return tmp_path
+
+
+def run(module: Path, *arguments: object, **environment: str) -> subprocess.Popen[str]:
+    """Start a process that calls the function with an integer and a real number."""
+    command = [sys.executable, "-c", SCRIPT, str(module / "source"), *map(str, arguments)]
+    given = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)} | environment
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=given)
+
+
+def printed(module: Path, **environment: str) -> str:
+    """Return what one process printed; it must end well."""
+    process = run(module, 3, **environment)
+    out, err = process.communicate(timeout=TIMEOUT_SECONDS)
+    assert process.returncode == 0 and err == "", err
+    return out.strip()
+
+
+def files(module: Path, ending: str) -> list[Path]:
+    """Return the files of the cache."""
+    return sorted((module / "cache").rglob(f"*.{ending}"))
+
+
+def test_what_is_compiled_is_kept(module: Path) -> None:
+    assert printed(module) == "6 1.0 None"
+    before = [path.stat().st_mtime_ns for path in files(module, "nbc")]
+    assert len(before) == 2
+    assert printed(module) == "6 1.0 None"
+    assert [path.stat().st_mtime_ns for path in files(module, "nbc")] == before
+
+
+def test_what_is_kept_is_loaded_without_what_compiles(module: Path) -> None:
+    """Arrays, errors and all; what is compiled after it in the same process is none the worse for it."""
+    (module / "source" / "stairs.py").write_text(ARRAYS)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", STAIRS, str(module / "source")]
+
+    def lines() -> list[str]:
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    first = lines()
+    (of_integers,) = (path for path in files(module, "nbc") if path.name.endswith(".2.nbc"))
+    of_integers.unlink()  # the second signature is compiled anew
+    second = lines()
+    assert first[:2] == second[:2] == ["[[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]]", "too long"]
+    assert first[2] == "True 0" and second[2] == "False 1"
+    assert first[3] == second[3] == "[[0.0, 1.0], [1.0, 2.0]] True [[1.0], [2.0]] None"
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", [b"", b"\x80\x05garbage", b"\x00" * 400])
+def test_damaged_files_are_written_anew(module: Path, ending: str, damage: bytes) -> None:
+    printed(module)
+    for path in files(module, ending):
+        path.write_bytes(damage)
+    assert printed(module).startswith("6 1.0 damaged files in ")
+    assert printed(module) == "6 1.0 None"
+
+
+def test_without_a_folder_that_can_be_written(module: Path) -> None:
+    """Root may write everywhere, so a file stands where the folders would be."""
+    (module / "file").write_text("")
+    blocked = str(module / "file" / "cache")
+    nowhere = {"NUMBA_CACHE_DIR": blocked, "NUMBA_CACHE_LOCATOR_CLASSES": "_UserProvidedCacheLocator"}
+    found = printed(module, **nowhere)
+    assert found.startswith("6 1.0 compiled code is not kept, and every run compiles")
+    assert found.endswith("set NUMBA_CACHE_DIR to a folder with space that can be written")
+
+
+def test_a_folder_is_looked_for_when_it_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not for functions that others bring along, of which a run has a hundred."""
+    looked_for, problems = [], []
+
+    def nowhere(_: object, function: Callable) -> None:
+        looked_for.append(function)
+        raise RuntimeError("no locator")
+
+    monkeypatch.setattr(compiled.FunctionCache, "__init__", nowhere)
+    monkeypatch.setattr(compiled, "_problems", problems)
+    double = compiled.njit(cache=True, error_model="numpy")(lambda x: 2 * x)
+    assert not looked_for and not problems
+    assert double(3) == 6 and double(0.5) == 1.0
+    assert len(looked_for) == 1 and "no locator" in compiled.cache_problem()
+
+
+def test_on_a_full_disk(module: Path) -> None:
+    """A folder in the place of the index lets the same call fail as a full disk does."""
+    printed(module)
+    for path in files(module, "nbi"):
+        path.unlink()
+        path.mkdir()
+    assert printed(module).startswith("6 1.0 ")
+
+
+def test_processes_that_compile_at_once(module: Path) -> None:
+    started = [run(module, k) for k in range(4)]
+    for k, process in enumerate(started):
+        out, err = process.communicate(timeout=TIMEOUT_SECONDS)
+        assert (process.returncode, out.split()[:2]) == (0, [str(2 * k), "1.0"]), err
+    assert printed(module).startswith("6 1.0 ")
+
+
+ONCE = """
+import atexit
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True)
+def half(x):
+    return x / 2
+
+@njit(cache=True, entry=True)
+def double(x):
+    return 4 * half(x)
+
+atexit.register(lambda: print(sum(double.stats.cache_misses.values())))
+"""
+
+
+def test_one_process_compiles_what_python_calls_and_others_wait(module: Path) -> None:
+    """Of what is copied into it alone no machine code is made."""
+    (module / "source" / "kernel.py").write_text(ONCE)
+    started = [run(module, 3) for _ in range(3)]
+    out = [process.communicate(timeout=TIMEOUT_SECONDS)[0].split() for process in started]
+    assert [each[:2] for each in out] == [["6.0", "1.0"]] * 3
+    assert sum(int(each[-1]) for each in out) == 2
+    copied = {"half" in path.name: b"bitcode" in path.read_bytes() for path in files(module, "nbc")}
+    assert copied == {True: True, False: False}
+
+
+def test_another_signatures_code_is_not_called(module: Path) -> None:
+    """What two processes that lose a race leave: the name of one signature's file, the content of the other's."""
+    printed(module)
+    first, second = files(module, "nbc")
+    first.write_bytes(second.read_bytes())
+    assert printed(module).startswith("6 1.0 ")
+
+
+def decorated(node: ast.FunctionDef) -> dict[str, object] | None:
+    """Return the options of a function's ``njit``, or None."""
+    for call in node.decorator_list:
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "njit":
+            return {word.arg: getattr(word.value, "value", None) for word in call.keywords}
+    return None
+
+
+def test_entries_are_called_from_python_alone() -> None:
+    """Another compiled function would find their names in the cache and nothing to take up."""
+    entries, called = set(), set()
+    for path in (ROOT / "pgmp_petsc").rglob("*.py"):
+        tree, module = ast.parse(path.read_text()), ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        known = {
+            alias.asname or alias.name: (node.module, alias.name)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+        known |= {node.name: (module, node.name) for node in functions}
+        for node in functions:
+            options = decorated(node)
+            if options is None:
+                continue
+            if options.get("entry"):
+                entries.add((module, node.name))
+            names = {item.id for item in ast.walk(node) if isinstance(item, ast.Name) and item.id != node.name}
+            called |= {known[name] for name in names if name in known}
+    assert len(entries) >= 8 and not entries & called
+
+
+def test_an_entry_is_kept_without_what_others_would_take_up(module: Path) -> None:
+    assert printed(module) == "6 1.0 None"
+    sizes = [path.stat().st_size for path in files(module, "nbc")]
+    for path in (module / "cache").rglob("*.nb?"):
+        path.unlink()
+    (module / "source" / "kernel.py").write_text(KERNEL.replace("cache=True", "cache=True, entry=True"))
+    for _ in range(2):  # compiled, then from the cache
+        assert printed(module) == "6 1.0 None"
+    kept = [path.stat().st_size for path in files(module, "nbc")]
+    assert len(kept) == len(sizes) == 2 and max(kept) < min(sizes)
+
+
+CALLED = """
+import numpy as np
+from pgmp_petsc.lanes.compiled import njit
+FACTOR, TABLE, OTHER = 2.0, np.arange(3.0), 5.0
+
+@njit(cache=True)
+def inner(x):
+    return FACTOR * x + TABLE[0]
+
+@njit(cache=True, apart=lambda x: x)
+def called_by_address(x):
+    return 3.0 * x
+
+@njit(cache=True)
+def not_called(x):
+    return OTHER * x
+
+@njit(cache=True)
+def outer(x):
+    'Words.'
+    return inner(x) + called_by_address(x)
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "differs"),
+    [
+        ("FACTOR, TABLE, OTHER = 2.0", "FACTOR, TABLE, OTHER = 2.5", True),
+        ("np.arange(3.0)", "np.ones(3)", True),
+        ("FACTOR * x + TABLE", "FACTOR * x - TABLE", True),
+        ("cache=True)\ndef inner", "cache=True, fastmath=True)\ndef inner", True),
+        ("lambda x: x", "lambda x: x if x else x", True),
+        ("inner(x) + called", "inner(x) - called", True),
+        ("return 3.0", "return 4.0", False),
+        ("5.0", "6.0", False),
+        ("OTHER * x", "OTHER + x", False),
+        ("Words.", "Others.", False),
+    ],
+)
+def test_what_is_kept_is_marked_by_all_that_is_compiled_into_it(old: str, new: str, differs: bool) -> None:
+    """Numba looks at the function's own file alone: code of a module that it calls would stay what it was."""
+    marks = []
+    for text in (CALLED, CALLED.replace(old, new)):
+        names: dict = {"__name__": "called"}
+        exec(text, names)
+        marks.append(compiled.compiled_mark(names["outer"].py_func))
+    assert CALLED.count(old) == 1 and (marks[0] != marks[1]) == differs
+
+
+def test_a_value_whose_changes_nothing_tells_is_refused() -> None:
+    names: dict = {"__name__": "called"}
+    exec(CALLED.replace("FACTOR, TABLE, OTHER = 2.0,", "FACTOR, TABLE, OTHER = object(),"), names)
+    with pytest.raises(TypeError, match="object"):
+        compiled.compiled_mark(names["outer"].py_func)
+
+
+def test_functions_apart(tmp_path: Path):
+    """Their code is not in their callers; what is not called is not compiled, nor loaded from the cache."""
+    source, cache = tmp_path / "source", tmp_path / "cache"
+    source.mkdir()
+    (source / "apart.py").write_text(APART)
+    (source / "caller.py").write_text(CALLER)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", QUARTERS, str(source)]
+
+    def said() -> list[str]:
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, env=environment, timeout=TIMEOUT_SECONDS
+        ).stdout.splitlines()
+
+    values = "3.0 0.75 None"
+    assert said() == [values, "[0, 0, 0] 0", "False", "not compiled"]
+    assert said() == [values, "[1, 1, 1] 0", "False", "not compiled"]
+    for kept in cache.rglob("*halved*"):
+        kept.unlink()
+    assert said() == [values, "[0, 1, 1] 0", "False", "not compiled"]

@@ -1,0 +1,109 @@
+"""Groups of ranks: who belongs to which, and which configurations a group works on."""
+
+import ast
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.ranks.groups import RankGroup, first_ranks
+
+
+@dataclass
+class World:
+    """As much of a communicator as a split needs; a split part knows its colour and the key it was given."""
+
+    rank: int
+    size: int
+    color: int = -1
+    key: int = -1
+    freed: bool = False
+
+    def Split(self, color: int, key: int) -> "World":  # noqa: N802, mpi4py's name
+        """Return this rank's part; groups are contiguous, so the rank within follows from the color."""
+        return World(0 if color == 0 and key == 0 else self.rank, self.size, color, key)
+
+    def Free(self) -> None:  # noqa: N802, mpi4py's name
+        """Note that it is free; once is enough."""
+        assert not self.freed
+        self.freed = True
+
+
+def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
+    """Return the group of every rank."""
+    return [RankGroup.split(World(rank, size), ranks_per_group) for rank in range(size)]
+
+
+@pytest.mark.parametrize(
+    ("size", "ranks_per_group", "expected"),
+    [
+        (1, 1, [0]),
+        (4, 1, [0, 1, 2, 3]),
+        (4, 2, [0, 0, 1, 1]),
+        (5, 2, [0, 0, 1, 1, 1]),
+        (3, 2, [0, 0, 0]),
+        (5, 5, [0] * 5),
+    ],
+)
+def test_ranks_left_over_join_the_last_group(size: int, ranks_per_group: int, expected: list[int]) -> None:
+    split = groups(size, ranks_per_group)
+    assert [group.index for group in split] == expected
+    assert {group.count for group in split} == {expected[-1] + 1}
+    assert [group.comm.color for group in split] == expected
+    assert [group.comm.key for group in split] == list(range(size))
+
+
+@pytest.mark.parametrize("ranks_per_group", [0, -1, 4])
+def test_a_group_larger_than_the_run_is_refused(ranks_per_group: int) -> None:
+    with pytest.raises(InputError) as error:
+        RankGroup.split(World(0, 3), ranks_per_group)
+    assert str(error.value) == (
+        f"--ranks-per-angle = {ranks_per_group}: allowed are 1 to 3, the number of ranks of this run"
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 7, 64])
+@pytest.mark.parametrize("n", [1, 4, 5, 24, 63, 629])
+def test_arcs_are_contiguous_even_and_complete(count: int, n: int) -> None:
+    arcs = [RankGroup(World(0, count), World(0, 1), None, index, count).arc(n) for index in range(count)]
+    assert [row for arc in arcs for row in arc] == list(range(n))
+    # every group knows the shares of all
+    shares = RankGroup(World(0, count), World(0, 1), None, 0, count).arcs(n)
+    assert shares == arcs[: min(count, n)] and all(shares)
+    lengths = [len(arc) for arc in arcs]
+    # the arcs that are empty come last, so that the others are neighbours in the order of the groups
+    assert lengths[min(count, n) :] == [0] * (count - min(count, n))
+    assert max(lengths[: min(count, n)]) - min(lengths[: min(count, n)]) <= 1
+
+
+def test_a_group_of_one_process() -> None:
+    from mpi4py import MPI
+
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        assert (group.index, group.count, group.comm.size, group.roots.size) == (0, 1, 1, 1)
+        assert group.arc(7) == range(7)
+    assert group.comm == group.roots == MPI.COMM_NULL
+
+
+def test_who_splits_frees_also_when_an_error_ends_the_work() -> None:
+    with pytest.raises(InputError), RankGroup.split(World(0, 3), 2) as group:
+        raise InputError("bad")
+    assert group.comm.freed and group.roots.freed
+
+
+def test_the_first_ranks_and_the_others() -> None:
+    parts = []
+    for rank in range(3):
+        with pytest.raises(InputError), first_ranks(World(rank, 3), 2) as part:
+            parts.append(part)
+            raise InputError("bad")
+    assert [part.color for part in parts] == [0, 0, 1]
+    assert all(part.freed for part in parts)
+
+
+def test_communicators_are_freed(mpirun: Callable, parallel_scripts: Path) -> None:
+    """MPI has a limited number of them, and a study makes some for every model."""
+    handles = ast.literal_eval(mpirun(3, parallel_scripts / "communicators.py").stdout)
+    assert len(handles) == 3 and all(before == after for before, after in handles)
