@@ -261,6 +261,9 @@ class _LenientCache(FunctionCache):
             _register_allocation()
             with _bare_environments():
                 found = self._load_overload(sig, target_context)
+        except ModuleNotFoundError:  # of a class that an older version of the program had in another place
+            self._drop()
+            return None
         except Exception as error:  # a damaged pickle raises anything
             _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
             self._drop()

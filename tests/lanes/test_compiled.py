@@ -2,6 +2,7 @@
 
 import ast
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -169,6 +170,16 @@ def test_damaged_files_are_written_anew(module: Path, ending: str, damage: bytes
     for path in files(module, ending):
         path.write_bytes(damage)
     assert printed(module).startswith("6 1.0 damaged files in ")
+    assert printed(module) == "6 1.0 None"
+
+
+def test_files_of_an_older_version_are_written_anew_without_a_word(module: Path) -> None:
+    """Their types may be of modules that are elsewhere now."""
+    printed(module)
+    for path in files(module, "nbi"):
+        with path.open("rb") as file:
+            version = pickle.load(file)
+        path.write_bytes(pickle.dumps(version) + b"cpgmp_petsc.gone\nVector\n.")
     assert printed(module) == "6 1.0 None"
 
 
