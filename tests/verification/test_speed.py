@@ -85,7 +85,7 @@ def test_speeds_of_a_reduced_model_are_derivatives_along_its_motion(dimension: i
         ('{type="speed",point="rod:tip"}', r"outputs\.s\.axis"),
         ('{type="speed",point="rod:tip",axis="z"}', r"outputs\.s\.axis.*in the plane"),
         ('{type="speed",joint="none"}', r"outputs\.s\.joint = \"none\""),
-        ('{type="speed",joint="elbow",motion="turning"}', r"outputs\.s\.motion"),
+        ('{type="speed",joint="elbow",motion="sliding"}', r"outputs\.s\.motion"),
     ],
 )
 def test_what_is_refused(entry: str, message: str) -> None:
