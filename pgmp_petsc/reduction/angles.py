@@ -136,7 +136,7 @@ def _share(error: float) -> str:
 def _uneven(scene: Scene, basis: ContinuousBasis) -> bool:
     """Return whether vectors of other parameter values turn too quickly for the angles."""
     return basis.uneven > UNEVEN or (
-        basis.uneven > 1.0
+        scene.reduction.parameter_modes > 0
         and bool(indefinite_between(basis.tables, scene.reduction.interpolation, *spanning_values(scene)))
     )
 
