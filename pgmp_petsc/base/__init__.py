@@ -1,5 +1,5 @@
 """What every room may use: errors, the surroundings of a process, progress, times and memory, ideas from outside.
 
-Errors carry the exit status that a command ends with, and what a user is to read. Nothing here knows of mechanics, of MPI
-or of files of results. Begin with `errors`, then `progress`.
+Errors carry the exit status that a command ends with, and what a user is to read. Nothing here knows of mechanics, of
+MPI or of files of results. Begin with `errors`, then `progress`.
 """

@@ -407,9 +407,13 @@ class _Fitting:
         )
         # y - e follows the data with values that differ by the step that e asks for
         figures = [
-            (f"{name} (standard error {plain(error)})", value, value + float(step), float(error))
+            (
+                f"{name} (standard error {plain(error)})",
+                solution.values[name],
+                solution.values[name] + float(step),
+                float(error),
+            )
             for name, step, error in zip(self._names, moved, errors)
-            for value in (solution.values[name],)
             if np.isfinite(error)
         ]
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)

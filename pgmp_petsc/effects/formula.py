@@ -24,11 +24,10 @@ from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Unit, exactly_one, refusal
 from pgmp_petsc.scene.uses import Use
@@ -242,15 +241,10 @@ class FormulaEffect(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the law on the joint's motion, or on the distance."""
-        if self.points is None:
-            place = joint_measure(mechanism, self)
-        else:
-            a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in self.points)
-            place = {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
         text, used = declared(self.force, tuple(self.constants))
         names = tuple(sorted(self.constants))
         parameters = tuple(Quantity.of(self.constants[one]) for one in names)
-        time = TIME if "t" in used else None
+        time, place = TIME if "t" in used else None, place_of(mechanism, name, self)
         action = Action(name, law=law_of(text, names), parameters=parameters, amplitude=time, **place)
         return ActionEffect(name, [action], mechanism)
 

@@ -26,6 +26,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.laws import FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
@@ -40,6 +41,15 @@ def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
         return {"statement": connection.measure("sliding"), **place}
     numbers = [k for k, c in enumerate(mechanism.coordinates) if c.statement is connection.angle]
     return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}
+
+
+def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
+    """Return what an effect by a name acts on, as `Action` takes it: the motion in its joint, or the distance of its
+    two points."""
+    if entry.points is None:
+        return joint_measure(mechanism, entry)
+    a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
+    return {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
 
 
 class EndStop(OnJoint):

@@ -32,12 +32,12 @@ from pgmp_petsc.base.errors import Remark, note
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.laws import SPRING_DAMPER
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, distance, perpendicular
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, perpendicular
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry, OnJoint
 from pgmp_petsc.scene.fields import (
@@ -232,12 +232,8 @@ class SpringDamper(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the spring."""
-        if self.points is None:
-            place = joint_measure(mechanism, self)
-        else:
-            a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in self.points)
-            place = {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
         parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.rest or 0.0)))
+        place = place_of(mechanism, name, self)
         return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
 
 

@@ -10,9 +10,9 @@ height; of a section given by coefficients, which has no height, c is that of th
 gyration. Not known of continuum bodies.
 
 **Stiffness gained and lost**: the largest and the least share by which the forces in the bodies change the stiffness of
-a mode (`reduction.tables.StiffnessChanges`), from loads, local forces and the inertia forces of the rigid motion at that
-instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Of continuum bodies it is
-known where the model has terms of second order.
+a mode (`reduction.tables.StiffnessChanges`), from loads, local forces and the inertia forces of the rigid motion at
+that instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Of continuum bodies
+it is known where the model has terms of second order.
 
 `remarks_of` says in words what is beyond its limit, and what to do.
 """
