@@ -20,8 +20,8 @@ each other, and in the plane arms, ``f d_k``. What bodies that follow their fore
 
 What ties of frames to floating bodies have of second order in the deformation: ``-1/2 sum_k d_k xi^T a_k xi``.
 
-A frame of a body that follows its foreshortening (`components.component_modes`) is displaced by ``A xi + 1/2 xi^T a
-xi`` in the floating frame. These are products ``f d x y`` of a component of a director and two amplitudes, in rows that
+A frame of a body that follows its foreshortening (`components.component_modes`) is displaced in the floating frame by
+``A xi + 1/2 xi^T a xi``. These are products ``f d x y`` of a component of a director and two amplitudes, in rows that
 `FrameTies` has; in the plane ``d d_k / d phi = J d_k``, with J a right angle's rotation.
 """
 
