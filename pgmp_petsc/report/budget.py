@@ -573,7 +573,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
             factor, shown = axis_unit(unit, np.array([s.mean]))
             mean, ends = factor * s.mean, factor * s.mean_interval
             words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
-            parts.append(f"mean {name} {words}{'' if unit == '1' else ' ' + shown}")
+            words += "" if unit == "1" else f" {shown}"
+            parts.append(f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}")
     return f"{'; '.join(parts)}{_remarks(ensemble.record)}"
 
 

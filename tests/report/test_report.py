@@ -121,6 +121,14 @@ def with_event(result: Ensemble | Trajectory) -> Ensemble | Trajectory:
     return replace(result, record=replace(result.record, scene_toml=result.record.scene_toml + EVENT))
 
 
+def test_a_mean_of_no_samples_is_not_known(tmp_path: Path) -> None:
+    found = synthetic.described()
+    last = list(found.outputs)[-1]
+    nothing = replace(found.statistics[last], mean=np.nan, mean_interval=np.full(2, np.nan))
+    replace(found, probabilities={}, statistics=found.statistics | {last: nothing}).write(tmp_path / "many.h5")
+    assert f"; mean {last} is not known" in headline_of_ensemble(tmp_path / "many.h5")
+
+
 def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_path: Path) -> None:
     """The error of the angle is measured against the full-order run, and known to the ensemble in one case."""
     for model in ("reduced", "full"):
