@@ -1,7 +1,8 @@
 """All constraints of a mechanism in its unknowns: residual, Jacobian and curvature on fixed patterns.
 
-They are the statements of the joints but for those that elastic ones release, in space those that make directors a rotation, the ties of frames to their faces,
-and the angles that prescribed coordinates hold. Trailing axes of q (samples) are kept.
+They are the statements of the joints but for those that elastic ones release, in space those that make directors a
+rotation, the ties of frames to their faces, and the angles that prescribed coordinates hold. Trailing axes of q
+(samples) are kept.
 """
 
 from __future__ import annotations

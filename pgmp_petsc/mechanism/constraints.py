@@ -23,8 +23,8 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 class ConstraintJacobian:
     """C in body frames at configurations of the rigid mechanism, on one nonzero pattern.
 
-    Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the meshes of continuum
-    bodies.
+    Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the
+    meshes of continuum bodies.
 
     Parameters
     ----------

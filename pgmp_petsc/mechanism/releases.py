@@ -106,9 +106,7 @@ def _along(in_a: np.ndarray) -> list[Statement]:
     return [along(axis) for axis in in_a.T]
 
 
-def _about(
-    in_a: np.ndarray, in_b: np.ndarray, is_held: np.ndarray, own: Sequence[Statement]
-) -> list[Statement | None]:
+def _about(in_a: np.ndarray, in_b: np.ndarray, is_held: np.ndarray, own: Sequence[Statement]) -> list[Statement | None]:
     """Return what measures the rotation about each axis that is held (`parted`)."""
     free = np.flatnonzero(~is_held)
     if len(in_a) == 2:

@@ -5,9 +5,10 @@
 in body frames, where K and M are constant and theta enters through N alone. The zero eigenvalues, one for each free
 coordinate, belong to the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in
 the basis. What elastic joints release is no constraint, and their springs are not in K: the rigid motions that they
-allow with theta held have zero eigenvalues too, are known as exactly, and are in the basis behind the modes. Prescribed coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so
-that no flexible vector turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the
-flexible vectors are not orthogonal to them.
+allow with theta held have zero eigenvalues too, are known as exactly, and are in the basis behind the modes. Prescribed
+coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so that no flexible vector
+turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the flexible vectors are
+not orthogonal to them.
 
 What an eigenproblem finds at one configuration.
 """
@@ -47,12 +48,12 @@ class ModeSet:
     #: m-orthonormal at the parameters of the problem and M-orthogonal to `unstrained`, shape (n_local, n_modes)
     flexible: np.ndarray
     free: np.ndarray  # numbers of the coordinates that are not prescribed
-    #: rigid motions that elastic joints allow, m-orthonormal and M-orthogonal to all others, shape (n_local, n_released)
+    #: rigid motions that elastic joints allow, m-orthonormal, M-orthogonal to all others, shape (n_local, n_released)
     released: np.ndarray
 
     @property
     def unstrained(self) -> np.ndarray:
-        """The vectors of zero eigenvalues: of free coordinates, and of elastic joints, shape (n_local, n_unstrained)."""
+        """Vectors of zero eigenvalues: of free coordinates, and of elastic joints, shape (n_local, n_unstrained)."""
         return np.hstack([self.rigid[:, self.free], self.released])
 
     @property

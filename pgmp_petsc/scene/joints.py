@@ -107,7 +107,12 @@ def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
     elif n == 3 and are_parallel(*given):
         words = "the axes must not be parallel; the second one is at a right angle"
         yield problem(f"{entry}.reference", words, given)
-    for key, count in (("stiffness", n), ("damping", n), ("turning_stiffness", TURNS[n]), ("turning_damping", TURNS[n])):
+    for key, count in (
+        ("stiffness", n),
+        ("damping", n),
+        ("turning_stiffness", TURNS[n]),
+        ("turning_damping", TURNS[n]),
+    ):
         numbers = getattr(springs, key)
         if numbers and len(numbers) != count:
             what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
