@@ -137,7 +137,8 @@ def choose(
         if not trial.built:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
-        chosen = _chosen_scene(scene, step, trial)
+        rom = bench.rom_of(trial)
+        chosen = _chosen_scene(scene, step, trial, rom)
         found = (*_step_remark(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -157,7 +158,6 @@ def choose(
         remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
         reference=reference.about,
     )
-    rom = bench.rom_of(trial)
     if group.world.rank > 0:
         return Choice(chosen, None, selection)
     record = rom.record
@@ -212,12 +212,18 @@ def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: Step
     return trial
 
 
-def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial) -> Scene:
-    """Return the scene with the chosen entries; its tables are validated anew."""
+def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial, rom: ReducedOrderModel) -> Scene:
+    """Return the scene with the chosen entries; its tables are validated anew.
+
+    Where a build took more angles than a candidate had, these are what was chosen: the model was judged with them.
+    """
     time = {"tolerance": None} | ({} if step.kept else {"step": step.step})
+    kept = {"tolerance": None}
+    if scene.reduction.sampling_tolerance is None and rom.tables.n_coordinates == 1:
+        kept["angles"] = len(rom.frequencies_hz)
     return scene.model_copy(
         update={
-            "reduction": Reduction(**trial.reduction.model_dump() | {"tolerance": None}),
+            "reduction": Reduction(**trial.reduction.model_dump() | kept),
             "simulation": Simulation(**scene.simulation.model_dump() | time),
         }
     )

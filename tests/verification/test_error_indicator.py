@@ -156,7 +156,7 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
     """Between 24 angles the inertia of a mode of other parameters is negative here and there, small around it."""
     overrides = (
         *SEEN, 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}',
-        "reduction={modes=3, static_modes=true, inertia_modes=true, parameter_modes=2, angles=24}",
+        "reduction={modes=3, static_modes=true, inertia_modes=true, parameter_modes=2, angles=24, max_angles=24}",
         'reduction.interpolation="spline"', "simulation.duration=0.3", "simulation.step=1e-3",
         "effects.motor.table=[[0.0, 0.0], [0.1, 0.5], [1.0, 0.5]]",
     )  # fmt: skip
