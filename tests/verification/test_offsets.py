@@ -13,13 +13,14 @@ from refusals import cases, check_said
 from runs import PGMP, full_model, overridden, read_meshes
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate
 
 E, NU = 210e9, 0.3
 G, SHEAR = E / (2.0 * (1.0 + NU)), 10.0 * (1.0 + NU) / (12.0 + 11.0 * NU)  # Cowper 1966, of rectangles
+TILT = float(np.radians(5.0))
 FREE = ("effects={}", "simulation.initial.theta.velocity=20.0", "simulation.spectral_radius=1.0")
 
 
@@ -32,7 +33,7 @@ def built_in(scene: Scene) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def extrapolated(values: Sequence[float]) -> float:
-    """Return the limit of values on meshes each twice as fine as the one before, of second order, and hold the order."""
+    """Return the limit of values on meshes each twice as fine as the one before, of second order; hold the order."""
     first, second, third = values
     # elements of the first order: 4 from one to the next, where terms of fourth order are small
     assert (first - second) / (second - third) == pytest.approx(4.0, rel=0.05)
@@ -73,13 +74,16 @@ def test_the_energy_goes_to_zero_with_the_square_of_the_offset() -> None:
 
 
 def flexibility() -> np.ndarray:
-    """Return what (f_z, m_x, m_y) at the joint C of the four-bar do to (w, phi_x, phi_y) of its bodies against each other.
+    """Return what (f_z, m_x, m_y) at the joint C of the four-bar do to (w, phi_x, phi_y) of its bodies there.
 
     Cut there, it is two chains of beams that their hinges clamp against motions out of the plane: by Castigliano, with
     bending, torsion and shear.
     """
     placed = {name: spatial_four_bar().bodies[name].placement for name in ("crank", "coupler", "rocker")}
-    lengths, sides = {"crank": 0.08, "coupler": 0.24, "rocker": 0.16}, {"crank": 0.016, "coupler": 0.016, "rocker": 0.008}
+    lengths, sides = (
+        {"crank": 0.08, "coupler": 0.24, "rocker": 0.16},
+        {"crank": 0.016, "coupler": 0.016, "rocker": 0.008},
+    )
     joint, found = np.array(placed["rocker"].origin[:2]), np.zeros((3, 3))
     for name, place in placed.items():
         side, angle = sides[name], place.rotation[2]
@@ -114,7 +118,7 @@ def test_the_stress_built_into_a_four_bar_in_space(given: dict, gap: list | None
 
 
 @pytest.mark.parametrize("model", ["full", "components"])
-@pytest.mark.parametrize(("given", "share"), [({"turn": [float(np.radians(5.0)), 0.0, 0.0]}, 3.8), ({"place": [0.0, 0.0, 1e-4]}, 5e-4)])  # fmt: skip
+@pytest.mark.parametrize(("given", "share"), [({"turn": [TILT, 0.0, 0.0]}, 3.8), ({"place": [0.0, 0.0, 1e-4]}, 5e-4)])
 def test_a_crooked_linkage_keeps_its_energy(model: str, given: dict, share: float) -> None:
     scene = spatial_four_bar(offset("C", **given), *FREE, "simulation.step=5e-5")
     found = simulate(MODELS[model](scene), MPI.COMM_SELF)
@@ -126,8 +130,22 @@ def test_a_crooked_linkage_keeps_its_energy(model: str, given: dict, share: floa
     assert np.ptp(total) < 1e-6 * total[0]
 
 
+@pytest.mark.parametrize("command", [["simulate"], ["montecarlo", "-n", "2", "--seed", "1"]])
+def test_runs_say_that_stress_is_built_in(mpirun: Callable, command: list[str], tmp_path: Path) -> None:
+    scene = tmp_path / "clamped.toml"
+    scene.write_text(
+        CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"
+    )
+    asked = overridden("joints.right.offset={place=[0.0,'d']}")
+    done = mpirun(1, *PGMP, command[0], scene, "--full", *asked, *command[1:], "-o", tmp_path / "out.h5")
+    assert "starts with the stress that joints that are off build in, without loads" in " ".join(done.stdout.split())
+    if command[0] == "montecarlo":  # in the middle half of the end's offset, each sample its own
+        found = Ensemble.read(tmp_path / "out.h5")
+        np.testing.assert_allclose(found.outputs["middle"], 0.5 * found.parameters["d"], rtol=1e-3)
+
+
 def test_components_follow_the_full_order_run_with_an_axis_five_degrees_off() -> None:
-    scene = spatial_four_bar(offset("C", turn=[float(np.radians(5.0)), 0.0, 0.0]), *FREE, "simulation.step=5e-5")
+    scene = spatial_four_bar(offset("C", turn=[TILT, 0.0, 0.0]), *FREE, "simulation.step=5e-5")
     full, components = (simulate(MODELS[model](scene), MPI.COMM_SELF) for model in ("full", "components"))
     assert components.balance.strain[0] == pytest.approx(full.balance.strain[0], rel=1e-3)
     for name, values in full.outputs.items():
@@ -184,7 +202,7 @@ def test_what_goes_over_configurations_refuses_offsets(purpose: Purpose) -> None
 
 
 def test_elastic_joints_beside_offsets_are_refused() -> None:
-    soft = 'joints.hinge.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]}'
+    soft = "joints.hinge.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]}"
     scene = clamped_beam(offset("right", place=[0.0, 1e-5]), soft)
     with pytest.raises(InputError, match=r"^joints\.right\.offset: .*found without springs"):
         check_capabilities(scene, Purpose.FULL, read_meshes(scene))
@@ -196,5 +214,7 @@ def test_an_offset_that_nothing_takes_is_refused_on_ranks(mpirun: Callable, rank
     scene.write_text(CLAMPED)
     asked = overridden("bodies.beam.flexible=false", "outputs={}", offset("right", place=[0.0, 1e-3]))
     done = mpirun(ranks, *PGMP, "simulate", scene, "--full", *asked, "-o", tmp_path / "run.h5", check_status=2)
-    assert "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy" in done.stderr
+    assert (
+        "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy" in done.stderr
+    )
     assert "Traceback" not in done.stderr
