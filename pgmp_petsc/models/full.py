@@ -213,8 +213,8 @@ class FullModel:
         name, gap, _ = self._furthest(q)
         raise InputError(
             f"joints.{name}: {gap} remains at {self.kinematics.describe(theta)}: joints are off by what no redundancy "
-            "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn is in "
-            "rad), or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
+            "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in rad), "
+            "or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
         )
 
     def _furthest(self, q: np.ndarray) -> tuple[str, str, float]:

@@ -101,8 +101,8 @@ class Elastic(Table):
 class Offset(Table):
     """A table ``offset`` of a joint: how far it is from where it should be.
 
-    The rigid mechanism closes without it, and has as many coordinates. In the motion the joint holds the moved point and
-    the turned axes of its first body, and bodies give way where redundant joints then do not agree.
+    The rigid mechanism closes without it, and has as many coordinates. In the motion the joint holds the moved point
+    and the turned axes of its first body, and bodies give way where redundant joints then do not agree.
     """
 
     place: Annotated[tuple[NumberOrParameter, ...], Unit("m")] = Field(
