@@ -1,8 +1,8 @@
 """How far a reduced run leaves what a linear reduced basis assumes; looked at in every run and every sample.
 
 Every second step is looked at. Changes of stiffness are followed there; rotations and strains are evaluated in the most
-deformed states only, one of every twentieth part of the run: those with the largest strain energy, and that in which elastic joints give
-way most.
+deformed states only, one of every twentieth part of the run: those with the largest strain energy, and that in which
+elastic joints give way most.
 
 **Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
 What elastic joints give way is in it: their motion is linear in the model, and has to be as small.
@@ -308,8 +308,8 @@ def _beyond(scene: Scene) -> dict[str, str]:
     elastic = [f"joints.{name}" for name, joint in scene.joints.items() if joint.elastic is not None]
     given = f", with what {', '.join(elastic)} give way, which is taken as small" if elastic else ""
     texts = {
-        "elastic_rotation": f"elastic rotations of {{}} rad{given}, beyond {rotation}: linear strains are wrong by more "
-        f"than 1 %; {full}",
+        "elastic_rotation": f"elastic rotations of {{}} rad{given}, beyond {rotation}: linear strains are wrong by "
+        f"more than 1 %; {full}",
         "elastic_strain": f"elastic strains of {{}}, beyond {strain}: few materials are linear there; {full}",
     }
     if scene.second_order:
