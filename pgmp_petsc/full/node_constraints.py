@@ -49,8 +49,8 @@ class Ties(NamedTuple):
 class NodeConstraints(NamedTuple):
     """Constraints, as compiled functions take them."""
 
-    rows: Rows  # the statements, n of them
-    places: np.ndarray  # their places among all constraints here, shape (n,)
+    rows: Rows  # the statements, n terms of constraints
+    places: np.ndarray  # the places of their constraints among all here, shape (n,)
     wanted: np.ndarray  # what is taken off, shape (n,), m, 1 or rad
     motions: np.ndarray  # number of the prescribed motion that is taken off too, -1 where there is none, shape (n,)
     linear: np.ndarray  # whether a statement is linear in the unknowns, shape (n,)
@@ -132,7 +132,7 @@ class ConstraintParts:
         """Return the constraints in the numbering of a layout; `owned` are those whose multipliers belong to this rank,
         shape (n,)."""
         own, compiled = self._own, self._own.rows.compiled
-        linear = np.zeros(own.rows.n, dtype=bool)
+        linear = np.zeros(own.places.size, dtype=bool)
         linear[compiled.linear] = True
         starts, columns, unknowns = compiled.entries
         entries = starts, columns, layout.unknowns(unknowns)

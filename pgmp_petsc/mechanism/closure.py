@@ -12,7 +12,10 @@ Redundant constraints (the same statement twice) are allowed: J then has more ro
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -84,10 +87,15 @@ class LoopClosure:
     def jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)."""
         unknowns = _unknowns(poses)
-        jacobian = np.zeros((unknowns.shape[1], self._rows.n, len(unknowns)))
-        rows, columns = self._rows.jacobian_pattern
-        jacobian[:, rows, columns] = self._rows.jacobian_values(unknowns).T
-        return jacobian
+        jacobian = (self._adding @ self._rows.jacobian_values(unknowns)).T
+        return np.ascontiguousarray(jacobian).reshape(unknowns.shape[1], self._rows.n, len(unknowns))
+
+    @cached_property
+    def _adding(self) -> sp.csr_matrix:
+        """From entries of the rows to a whole Jacobian, shape (n_rows n_unknowns, n_entries)."""
+        (rows, columns), n = self._rows.jacobian_pattern, self._units.size
+        entries = np.ones(rows.size), (n * rows + columns, np.arange(rows.size))
+        return sp.csr_matrix(entries, shape=(n * self._rows.n, rows.size))
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """Return J (n, n_rows, n_pose n_bodies) with lengths scaled by the size, so that singular values do not depend
@@ -106,9 +114,7 @@ class LoopClosure:
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
         n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
-        moving = rates.reshape(len(unknowns), n_theta, n)[self._rows.dofs]
-        moving[self._rows.dofs < 0] = 0.0
-        right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
+        right = self._rows.second_along(unknowns, rates.reshape(len(unknowns), n_theta, n))
         result = -_solved(self.jacobian(poses), right.reshape(n, self._rows.n, -1))
         return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
 
@@ -189,7 +195,10 @@ class LoopClosure:
     def _gaps(self, residual: np.ndarray) -> tuple[str, str]:
         """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
         scaled = residual / self._scale
-        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        holders = [*self.mechanism.connections, *self.mechanism.couplings]
+        blame = max(holders, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        if blame in self.mechanism.couplings:
+            return f"the coupling is {residual[blame.rows][0]:.3g} off", blame.name
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:

@@ -10,10 +10,13 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection, share_position, triad, weld
+from pgmp_petsc.mechanism.joints import Connection, Coupling, share_position, triad, weld
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import Combination, Function
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
+from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.schema import Scene
 
 GROUND = "ground"
@@ -80,12 +83,39 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     return tuple(connections)
 
 
+def couplings_of(
+    scene: Scene, connections: Sequence[Connection], poses: np.ndarray
+) -> tuple[Coupling, ...]:
+    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
+    n_pose)."""
+    by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
+    n_pose, couplings = poses.shape[1], []
+    for name, entry in scene.joints.items():
+        if not isinstance(entry, CouplingEntry):
+            continue
+        terms, sides = [], []
+        for share in entry.shares_in(scene):
+            joint = by_name[share.joint]
+            function = Function.through(share.factor, share.table) if share.table else Function(share.factor)
+            terms.append((joint.measure(share.motion), function))
+            sides += joint.sides
+        combination = Combination(tuple(terms))
+        at = [tuple(side.on_pose() for side in sides)]
+        rows = StatementRows([combination], at, lambda k: n_pose * k + np.arange(n_pose), scene.dimension)
+        value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
+        couplings.append(Coupling(name, combination, tuple(sides), value, slice(row, row + 1)))
+        row += 1
+    return tuple(couplings)
+
+
 def _held(
     scene: Scene, bodies: Sequence[Body]
 ) -> Iterator[tuple[str, Callable, tuple[tuple[float, ...], ...], tuple[Attachment, Attachment]]]:
     """Yield name, what makes the statements, axes and attachments of the joints, and of the welds of point masses to
     rigid bodies."""
     for name, entry in scene.joints.items():
+        if isinstance(entry, CouplingEntry):
+            continue
         yield (
             name,
             entry.statements,

@@ -22,9 +22,10 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 class ChosenRows:
     """Some constraints that are statements."""
 
-    rows: StatementRows  # the statements, n of them
-    places: np.ndarray  # their places among the chosen constraints, shape (n,)
-    wanted: np.ndarray  # their values, shape (n,), m or 1
+    rows: StatementRows  # the statements, and combinations of them, of n terms
+    #: places of the terms among the chosen constraints, shape (n,)
+    places: np.ndarray
+    wanted: np.ndarray  # the constraints' values, at the first of their terms, zero at others, shape (n,), m or 1
     motions: np.ndarray  # number of the prescribed motion that gives the value instead, or -1, shape (n,)
     of_directors: np.ndarray  # which of them make directors a rotation, shape (n,)
 
@@ -67,7 +68,7 @@ class ConstraintSet:
             for rows in (parts, driven)
         )
         self._statements = [*parts, *driven]
-        self._n_directors = len(parts) - sum(len(c.statements) for c in mechanism.connections)
+        self._n_directors = len(parts) - mechanism.n_constraints
         self._ties = FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])
@@ -142,7 +143,10 @@ class ConstraintSet:
             rows = self._joints
         else:
             rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
-        return ChosenRows(rows, own, wanted, motions, self.of_directors[chosen][own])
+        of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0
+        return ChosenRows(
+            rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of]
+        )
 
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:
         """Return the place of every tie among chosen constraints, -1 where it is not, shape (n_ties,), and the ties."""

@@ -9,7 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.statements import MEET, Statement, along, angle, meet, perpendicular, within
+from pgmp_petsc.mechanism.statements import (
+    MEET,
+    Combination,
+    Statement,
+    along,
+    angle,
+    meet,
+    perpendicular,
+    within,
+)
 
 
 def meeting(dimension: int) -> list[Statement]:
@@ -82,6 +91,11 @@ class Connection:
         """Whether the two points share their position."""
         return share_position(self.statements)
 
+    @property
+    def held(self) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
+        """What is to be zero, with its sides."""
+        return [(part, self.sides) for part in self.statements]
+
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""
         return {"turning": self.angle, "sliding": along(self.axes[0][:, 0])}[motion]
@@ -91,3 +105,19 @@ class Connection:
         """How far b is turned against a about the joint's axis; in the plane from where both bodies are parallel, in
         space from where they are assembled."""
         return angle(*self.axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """A named joint that couples the motions of others: a combination of what measures these, which is to be zero."""
+
+    name: str
+    combination: Combination
+    sides: tuple[Attachment, ...]  # of the statements, a pair for each
+    value: float  # that the combination keeps
+    rows: slice
+
+    @property
+    def held(self) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+        """What is to have its value, with its sides."""
+        return [(self.combination, self.sides)]

@@ -426,7 +426,7 @@ def _joints(scene: Scene) -> Iterator[str]:
         owners = [split_point(point)[0] for point in joint.connect]
         for point in joint.connect:
             yield from point_problems(scene, entry, point, ground_allowed=True)
-        if owners[0] == owners[1]:
+        if owners and owners[0] == owners[1]:
             yield problem(
                 entry,
                 f"a joint connects two different bodies, or a body and the ground; both points are on {owners[0]}",
