@@ -189,7 +189,8 @@ def _terms(terms: Sequence[TermInC]) -> Iterator[str]:
     first = 0
     for term in terms:
         n = len(term.function.coefficients)
-        yield f"{{{term.row}, {first}, {n}, {_number(term.function.factor)}, {_statement(term.statement)}}}"
+        numbers = f"{term.row}, {first}, {n}, {term.near}, {_number(term.function.factor)}"
+        yield f"{{{numbers}, {_statement(term.statement)}}}"
         first += n
 
 

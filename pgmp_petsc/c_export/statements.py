@@ -54,6 +54,7 @@ class TermInC:
     row: int
     statement: StatementInC
     function: Function
+    near: int  # number of the coordinate that an angle is near to; -1: what the others leave of the row's value
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +94,12 @@ def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]
     origin = np.zeros(mechanism.space.dimension)
     parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
     found = []
+    numbers = {coordinate.statement: k for k, coordinate in enumerate(kinematics.coordinates)}
     for row, (part, sides) in enumerate(parts):
         points = [Side.of(side, {}) for side in sides]
         pairs = zip(points[::2], points[1::2])
         found += [
-            TermInC(row, StatementInC(statement, *pair), function)
+            TermInC(row, StatementInC(statement, *pair), function, numbers.get(statement, -1))
             for (statement, function), pair in zip(part.terms, pairs)
         ]
     return found, [float(value) for value in wanted]

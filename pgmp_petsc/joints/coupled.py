@@ -50,7 +50,7 @@ class Gear(CouplingEntry):
     on."""
 
     type: Literal["gear"]
-    dimensions = (2,)
+    dimensions = (2, 3)
     joints: tuple[Name, Name] = Field(description="names of two joints that turn")
     ratio: Factor = Field(description="rad of the second for each rad of the first; negative where they turn against")
 
@@ -65,7 +65,7 @@ class Rack(CouplingEntry):
     placements on."""
 
     type: Literal["rack"]
-    dimensions = (2,)
+    dimensions = (2, 3)
     joints: tuple[Name, Name] = Field(description="name of a joint that turns, and of one that slides")
     radius: Factor = Field(description="m for each rad; negative where it slides back as the first turns on")
 
@@ -75,11 +75,25 @@ class Rack(CouplingEntry):
         return [Share(second, "sliding", "joints", 1.0), Share(first, "turning", "joints", -self.radius)]
 
 
+class Screw(CouplingEntry):
+    """A joint slides along its axis as it turns about it: a lead for each turn, from the placements on."""
+
+    type: Literal["screw"]
+    dimensions = (3,)
+    joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
+    lead: Factor = Field(description="m for each turn; negative where the thread is left-handed")
+
+    def shares(self, motion):
+        """Return ``s_sliding - lead / (2 pi) s_turning``."""
+        rise = self.lead / (2.0 * math.pi)
+        return [Share(self.joint, "sliding", "joint", 1.0), Share(self.joint, "turning", "joint", -rise)]
+
+
 class SumOfMotions(CouplingEntry):
     """A sum of the motions of joints keeps the value that it has as the bodies are placed."""
 
     type: Literal["coupling"]
-    dimensions = (2,)
+    dimensions = (2, 3)
     terms: dict[Name, Factor] = Field(
         min_length=2, description="factor of the motion (rad or m) of each joint, by the joints' names"
     )
@@ -93,7 +107,7 @@ class Cam(CouplingEntry):
     """A joint follows a cam: its motion is a cubic spline, of the turning of another, that repeats with every turn."""
 
     type: Literal["cam"]
-    dimensions = (2,)
+    dimensions = (2, 3)
     from_placements = False
     joints: tuple[Name, Name] = Field(description="name of the joint that turns with the cam, and of the follower's")
     motion: Literal["turning", "sliding"] | None = Field(

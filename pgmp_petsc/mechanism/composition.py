@@ -13,7 +13,7 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection, Coupling, share_position, triad, weld
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Combination, Function
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.joints import CouplingEntry
@@ -84,22 +84,27 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
 
 
 def couplings_of(
-    scene: Scene, connections: Sequence[Connection], poses: np.ndarray
+    scene: Scene, connections: Sequence[Connection], poses: np.ndarray, known: Sequence[Statement]
 ) -> tuple[Coupling, ...]:
     """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
-    n_pose)."""
+    n_pose).
+
+    Their statements stand in the order of the scene, but for an angle that is none of those known, which is the last:
+    in space its turn follows from the others.
+    """
     by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
     n_pose, couplings = poses.shape[1], []
     for name, entry in scene.joints.items():
         if not isinstance(entry, CouplingEntry):
             continue
-        terms, sides = [], []
+        terms = []
         for share in entry.shares_in(scene):
             joint = by_name[share.joint]
             function = Function.through(share.factor, share.table) if share.table else Function(share.factor)
-            terms.append((joint.measure(share.motion), function))
-            sides += joint.sides
-        combination = Combination(tuple(terms))
+            terms.append((joint.measure(share.motion), function, joint.sides))
+        terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
+        combination = Combination(tuple(term[:2] for term in terms))
+        sides = [side for term in terms for side in term[2]]
         at = [tuple(side.on_pose() for side in sides)]
         rows = StatementRows([combination], at, lambda k: n_pose * k + np.arange(n_pose), scene.dimension)
         value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0

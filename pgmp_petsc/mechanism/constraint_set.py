@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
+from pgmp_petsc.mechanism.statement_rows import FROM_SUM, ROUND_OFF, StatementRows, near_rows
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
@@ -28,6 +28,8 @@ class ChosenRows:
     wanted: np.ndarray  # the constraints' values, at the first of their terms, zero at others, shape (n,), m or 1
     motions: np.ndarray  # number of the prescribed motion that gives the value instead, or -1, shape (n,)
     of_directors: np.ndarray  # which of them make directors a rotation, shape (n,)
+    #: number of the coordinate that an angle is near to, `FROM_SUM`, or less where nothing is to be known, shape (n,)
+    near: np.ndarray
 
 
 class ConstraintSet:
@@ -144,8 +146,14 @@ class ConstraintSet:
         else:
             rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
         of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0
+        terms = [term for part, _ in parts for term in part.terms]
+        angles = {c.statement: k for k, c in enumerate(self._unknowns.mechanism.coordinates)}
+        near = near_rows(terms, of, angles)
+        single = np.bincount(of, minlength=1)[of] == 1
+        known = np.array([part in angles for part, _ in terms], dtype=bool)
+        near = np.where(single | (near != FROM_SUM) & ~known, FROM_SUM - 1, near)
         return ChosenRows(
-            rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of]
+            rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of], near
         )
 
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:

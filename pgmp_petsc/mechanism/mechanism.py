@@ -229,7 +229,6 @@ class Mechanism:
         bodies = bodies_of(scene, shapes)
         guess = first_guess(scene, bodies)
         connections = connections_of(scene, bodies, guess)
-        couplings = couplings_of(scene, connections, guess)
         prescribed = _prescribed(scene)
         by_name = {connection.name: connection for connection in connections}
         coordinates = []
@@ -244,6 +243,7 @@ class Mechanism:
             rest = (*entry.range, entry.periodic, name in prescribed, joint, unit)
             coordinates.append(Coordinate(name, statement, sides, *rest))
         coordinates = tuple(coordinates)
+        couplings = couplings_of(scene, connections, guess, [c.statement for c in coordinates])
         return cls(bodies, connections, couplings, coordinates, guess, scene, shapes)
 
 

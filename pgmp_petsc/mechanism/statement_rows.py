@@ -1,13 +1,15 @@
 """Statements about pairs of nodes as rows of a system of equations: values, derivatives on fixed patterns, drift.
 
 A row is a statement, or a combination of functions of several (`statements.Combination`). Its terms add up, and have
-their derivatives each in the unknowns of two nodes: patterns list them term by term. Trailing axes of the unknowns (samples, configurations) are kept.
+their derivatives each in the unknowns of two nodes: patterns list them term by term. In space the turn of an angle
+among them is that of the angle's own row, where there is one, or else the one with which the sum is nearest to its
+value. Trailing axes of the unknowns (samples, configurations) are kept.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple
@@ -17,9 +19,10 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
-from pgmp_petsc.mechanism.statements import Combination, Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
+FROM_SUM = -1  # of an angle that is near to what the other terms leave of its row's value
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere
 
 
@@ -72,6 +75,8 @@ class StatementRows:
         self._generic = NodeStatements.of(*own, [function.generic for _, function in terms])
         grounded = np.full(node_dofs(0).size, -1)
         dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
+        angles = {part: row for row, part in enumerate(parts) if isinstance(part, Statement) and part.kind == ANGLE}
+        self.near = near_rows(terms, self.row_of, angles)
         self.dofs = np.array(dofs, dtype=np.int64).reshape(len(terms), 2 * grounded.size)
         self._compile()
 
@@ -158,7 +163,7 @@ class StatementRows:
         everyone, columns = np.arange(n), np.tile(np.arange(width), n)
         pairs = np.tile(np.indices((width, width)).reshape(2, -1), n)
         return Rows(
-            self.statements, self.dofs, self.row_of, everyone[:0], everyone, np.zeros(n),
+            self.statements, self.dofs, self.row_of, self.near, everyone[:0], everyone, np.zeros(n),
             (width * np.arange(n + 1), columns, self.dofs.ravel()), np.zeros(columns.size),
             (width**2 * np.arange(n + 1), *np.ascontiguousarray(pairs)),
         )  # fmt: skip
@@ -183,8 +188,8 @@ class StatementRows:
         alone = self._all._replace(row_of=np.arange(n))
         constants = self._evaluated(VALUES, n, at_zero, np.zeros((n, 1)), rows=alone).ravel()
         self.compiled = Rows(
-            self.statements, self.dofs, self.row_of, np.flatnonzero(~bent), np.flatnonzero(bent), constants, entries,
-            self.gradients(at_zero)[..., 0][first], (_starts(terms, n), i, j),
+            self.statements, self.dofs, self.row_of, self.near, np.flatnonzero(~bent), np.flatnonzero(bent),
+            constants, entries, self.gradients(at_zero)[..., 0][first], (_starts(terms, n), i, j),
         )  # fmt: skip
 
     @contextmanager
@@ -211,6 +216,7 @@ class Rows(NamedTuple):
     statements: NodeStatements
     dofs: np.ndarray
     row_of: np.ndarray  # the row that each term adds to, shape (n_terms,)
+    near: np.ndarray  # the row whose value an angle is near to, or `FROM_SUM`, shape (n_terms,)
     #: linear, bent: numbers of the terms that are linear in the unknowns, and of the others
     linear: np.ndarray
     bent: np.ndarray
@@ -220,6 +226,20 @@ class Rows(NamedTuple):
     slopes: np.ndarray  # first derivatives there where all unknowns are zero, shape (n_entries,)
     #: first entry of each term (n_terms + 1,) on the pattern of second derivatives, and its two columns in `dofs`
     curved: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def near_rows(
+    terms: Sequence[tuple[Statement, Function]], row_of: np.ndarray, angles: Mapping[Statement, int]
+) -> np.ndarray:
+    """Return for every term the number that `angles` have of its statement, `FROM_SUM` of the only angle in its row
+    that they do not have, and its row for all others, shape (n_terms,)."""
+    near = row_of.copy()
+    alone = np.bincount(row_of)[row_of] == 1 if row_of.size else row_of > 0
+    for k, (part, function) in enumerate(terms):
+        if not alone[k] and part.kind == ANGLE:
+            # a spline repeats itself with every turn
+            near[k] = angles.get(part, near[k] if function.breaks.size else FROM_SUM)
+    return near
 
 
 def _starts(rows: np.ndarray, n: int) -> np.ndarray:
@@ -263,7 +283,11 @@ def _evaluate(what, rows, q, rates, known, result):
         for sample in range(n_samples):
             for i in range(width):
                 y[i] = q[rows.dofs[k, i], sample] if rows.dofs[k, i] >= 0 else 0.0
-            near = known[rows.row_of[k], sample] if what == VALUES else 0.0
+            near = 0.0
+            if what == VALUES:
+                own, of = rows.row_of[k], rows.near[k]
+                left = (known[own, sample] - result[own, sample]) / rows.statements.factors[k]
+                near = left if of == FROM_SUM else known[of, sample]
             s = state(rows.statements, k, y, near, second, scratch, g, h)
             if what == VALUES:
                 result[rows.row_of[k], sample] += s

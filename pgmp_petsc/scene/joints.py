@@ -55,8 +55,8 @@ class Ground(Table):
 
 
 class JointTable(Table):
-    """A table ``[joints.NAME]``: a joint that holds two points (`JointEntry`), or one that couples the motions of others
-    (`CouplingEntry`)."""
+    """A table ``[joints.NAME]``: a joint that holds two points (`JointEntry`), or one that couples the motions of
+    others (`CouplingEntry`)."""
 
     #: Where it can be: 2 in the plane, 3 in space.
     dimensions: ClassVar[tuple[int, ...]]
@@ -215,13 +215,29 @@ class CouplingEntry(JointTable):
                 words = f"{share.joint} is {joint.type}, which turns and slides; couple it by a gear, a rack or a screw"
                 yield problem(entry, words, share.joint)
             elif share.motion not in free:
-                needed = f"a joint that has the motion {share.motion}" if share.motion else "a joint that turns or slides"
+                needed = (
+                    f"a joint that has the motion {share.motion}" if share.motion else "a joint that turns or slides"
+                )
                 moves = f"this one is {joint.type}" + (f", which has {' and '.join(free)}" if free else "")
                 yield problem(entry, f"{needed} is needed; {moves}", share.joint)
+        if scene.dimension == 3:
+            yield from self._turns_unknown(scene, name, found)
         moved = [(share.joint, share.motion) for share in found]
         for k, share in enumerate(found):
             if moved[k] in moved[:k]:
                 yield problem(f"joints.{name}.{share.entry}", "the same joint is named twice", share.joint)
+
+    def _turns_unknown(self, scene: Scene, name: str, found: Sequence[Share]) -> Iterator[str]:
+        """Yield a line if turns of more than one angle are not known: directors tell angles up to turns."""
+        known = {one.joint for one in scene.coordinates.values() if one.motion != "sliding"}
+        turning = [share for share in found if share.motion == "turning" and not share.table]
+        loose = [share for share in turning if share.joint not in known]
+        if len(loose) > 1:
+            words = (
+                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of "
+                f"coordinates; couple each of these with one: {', '.join(share.joint for share in loose)}"
+            )
+            yield problem(f"joints.{name}.{loose[0].entry}", words)
 
 
 #: A table of ``[joints]``.

@@ -134,8 +134,10 @@ static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
         double wanted = number < n_rows ? closure_wanted[number] : theta[number - n_rows];
         double row[N_UNKNOWNS] = {0}, gap = -wanted;
         if (number >= n_rows) gap += add_statement(s, wanted, poses, 0, row);
-        for (; number < n_rows && term < n_terms && closure[term].row == number; term++)
-            gap += add_statement(&closure[term].statement, wanted, poses, closure + term, row);
+        for (; number < n_rows && term < n_terms && closure[term].row == number; term++) {
+            double near = closure[term].near < 0 ? -gap / closure[term].factor : theta[closure[term].near];
+            gap += add_statement(&closure[term].statement, near, poses, closure + term, row);
+        }
         double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;
         if (!(fabs(gap) * unit <= largest)) largest = fabs(gap) * unit;
         for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
