@@ -15,7 +15,6 @@ from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_frames import BodyGradients
-from pgmp_petsc.mechanism.joints import Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 
@@ -23,8 +22,8 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 class ConstraintJacobian:
     """C in body frames at configurations of the rigid mechanism, on one nonzero pattern.
 
-    Rows are those of the joints, of the clamped coordinates, and of the ties of frames to the meshes of continuum
-    bodies.
+    Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the
+    meshes of continuum bodies.
 
     Parameters
     ----------
@@ -36,12 +35,12 @@ class ConstraintJacobian:
     Attributes
     ----------
     pattern
-        A matrix with the nonzero pattern, shape (n_constraints + n_clamped + n_ties, n_dofs). What no constraint feels
+        A matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels
         at any configuration is not in it: such an unknown must not become a dependent one.
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        held = [part for one in (*mechanism.connections, *mechanism.couplings) for part in one.held]
+        held = [part for one in mechanism.holders for part in one.holding(moving=True)]
         self._gradients = BodyGradients(mechanism, held + [(c.statement, c.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
@@ -99,25 +98,28 @@ class ConstraintHessians:
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
         n_pose = mechanism.space.n_pose
-        self._joints: list[tuple[Connection | Coupling, list[Attachment], StatementRows]] = []
-        for joint in (*mechanism.connections, *mechanism.couplings):
+        self._joints: list[tuple[slice, list[Attachment], StatementRows]] = []
+        first = 0
+        for joint in mechanism.holders:
+            parts = joint.holding(moving=True)
+            numbered = slice(first, first := first + len(parts))
             moving = list({side.node: side for side in joint.sides if not side.on_ground}.values())
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(
-                [part for part, _ in joint.held],
-                [sides for _, sides in joint.held],
+                [part for part, _ in parts],
+                [sides for _, sides in parts],
                 lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(n_pose),
                 mechanism.space.dimension,
             )
             if rows.curvature_pattern[0].size or mechanism.space.n_tied:
-                self._joints.append((joint, moving, rows))
+                self._joints.append((numbered, moving, rows))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
         """Return them at poses (n_bodies, n_pose)."""
         return [self._of_joint(*joint, poses) for joint in self._joints]
 
     def _of_joint(
-        self, joint: Connection | Coupling, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
+        self, numbered: slice, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
     ) -> ConstraintHessian:
         space = self._mechanism.space
         at = [poses[side.body] for side in moving]
@@ -129,4 +131,4 @@ class ConstraintHessians:
             own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
             curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
         dofs = np.concatenate([self._mechanism.node_dofs(side.node) for side in moving])
-        return ConstraintHessian(joint.rows, dofs, curved)
+        return ConstraintHessian(numbered, dofs, curved)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from pgmp_petsc.mechanism.statements import (
     perpendicular,
     within,
 )
+
+if TYPE_CHECKING:
+    from pgmp_petsc.mechanism.releases import Release
 
 
 def meeting(dimension: int) -> list[Statement]:
@@ -73,13 +77,16 @@ class Connection:
     """A named joint between two attachments, and the rows of its constraints."""
 
     name: str
-    statements: tuple[Statement, ...]  # what is to be zero; joints whose points share their position begin with that
+    #: what is zero in the configuration; joints whose points share their position begin with that
+    statements: tuple[Statement, ...]
     a: Attachment
     b: Attachment
-    rows: slice
+    rows: slice  # of these, among those of all joints
     #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
+    held: tuple[Statement, ...]  # what is zero in the motion too
+    released: tuple[Release, ...]  # directions that are held in the configuration alone
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
@@ -91,10 +98,9 @@ class Connection:
         """Whether the two points share their position."""
         return share_position(self.statements)
 
-    @property
-    def held(self) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
-        """What is to be zero, with its sides."""
-        return [(part, self.sides) for part in self.statements]
+    def holding(self, moving: bool = False) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
+        """Return what is zero in the configuration, or in the motion too, with its sides."""
+        return [(part, self.sides) for part in (self.held if moving else self.statements)]
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""
@@ -117,7 +123,6 @@ class Coupling:
     value: float  # that the combination keeps
     rows: slice
 
-    @property
-    def held(self) -> list[tuple[Combination, tuple[Attachment, ...]]]:
-        """What is to have its value, with its sides."""
+    def holding(self, moving: bool = False) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+        """Return what has its value, in the motion too, with its sides."""
         return [(self.combination, self.sides)]

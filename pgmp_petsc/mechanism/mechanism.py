@@ -113,9 +113,19 @@ class Mechanism:
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property
+    def holders(self) -> tuple[Connection | Coupling, ...]:
+        """What holds the mechanism together, in the order of the constraints."""
+        return (*self.connections, *self.couplings)
+
+    @property
     def n_constraints(self) -> int:
-        """Number of scalar constraints, redundant ones included."""
-        return sum(len(connection.statements) for connection in self.connections) + len(self.couplings)
+        """Number of scalar constraints of the configuration, redundant ones included."""
+        return sum(len(one.holding()) for one in self.holders)
+
+    @property
+    def n_held(self) -> int:
+        """Number of scalar constraints of the motion: without those that elastic joints release."""
+        return sum(len(one.holding(moving=True)) for one in self.holders)
 
     @property
     def mass_weights(self) -> tuple[Monomial, ...]:
@@ -173,14 +183,15 @@ class Mechanism:
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(
-        self, frames: Sequence[Attachment]
+        self, frames: Sequence[Attachment], moving: bool = False
     ) -> tuple[list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
         These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
-        statements that make the directors of `frames` a rotation: of its bodies' poses, or of all nodes.
+        statements that make the directors of `frames` a rotation: of its bodies' poses, or of all nodes. Elastic joints
+        are locked, as in the configuration; `moving` is without what they release.
         """
-        held = [part for one in (*self.connections, *self.couplings) for part in one.held]
+        held = [part for one in self.holders for part in one.holding(moving)]
         values = np.zeros(len(held))
         values[len(held) - len(self.couplings) :] = [coupling.value for coupling in self.couplings]
         if self.space is SPATIAL:

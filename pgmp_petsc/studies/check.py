@@ -55,7 +55,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
     clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
     null = null_space(constraint_jacobian(mechanism, pose, clamped))
-    n_flexible = null.independent.size - (len(coordinates) - len(clamped))
+    released = kinematics.motion([coordinate.lower for coordinate in coordinates]).released.shape[-1]
+    n_flexible = null.independent.size - (len(coordinates) - len(clamped)) - released
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
     flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
     reducible = flexible_bodies and few
@@ -157,8 +158,15 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     redundant = f", {n_redundant} of them redundant" if n_redundant else ""
     if n_rigid != n_redundant:
         redundant += f", {n_rigid} redundant for rigid bodies"
-    names = ", ".join(one.name for one in (*mechanism.connections, *mechanism.couplings))
-    return [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
+    names = ", ".join(one.name for one in mechanism.holders)
+    lines = [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
+    for connection in mechanism.connections:
+        if connection.released:
+            n = counted(len(connection.released), "direction")
+            lines.append(
+                f"  elastic       {connection.name}: {n} of {len(connection.statements)} give way in the motion"
+            )
+    return lines
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
