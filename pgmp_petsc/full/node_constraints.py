@@ -93,16 +93,15 @@ class ConstraintParts:
         system = self._own.rows
         starts, _, unknowns = system.compiled.entries
         firsts, ones, others = [0], [], []
-        for row, weight in enumerate(self._weights):
-            one, other = np.tril_indices(starts[row + 1] - starts[row] if weight else 0)
-            ones.append(starts[row] + one)
-            others.append(starts[row] + other)
+        for term, weight in enumerate(self._weights):
+            one, other = np.tril_indices(starts[term + 1] - starts[term] if weight else 0)
+            ones.append(starts[term] + one)
+            others.append(starts[term] + other)
             firsts.append(firsts[-1] + one.size)
         empty = np.zeros(0, dtype=np.int64)
         self._pairs = np.array(firsts), np.concatenate([empty, *ones]), np.concatenate([empty, *others])
-        rows, columns = system.jacobian_pattern
         multipliers = self._n_dofs + chosen[self._own.places]
-        self._jacobian = multipliers[rows], columns
+        self._jacobian = np.repeat(multipliers, np.diff(starts)), unknowns
         self._products = unknowns[self._pairs[1]], unknowns[self._pairs[2]]
         self._tie_entries = self._entries_of_ties()
         parts = (self._jacobian, system.curvature_pattern, self._products, *self._tie_entries)
@@ -157,8 +156,8 @@ class ConstraintParts:
         )
         return NodeConstraints(
             rows, own.places, own.wanted, own.motions, own.near, linear, self._weights,
-            layout.positions(*self._jacobian), layout.positions(*own.rows.curvature_pattern), (*self._pairs, layout.positions(*self._products)), ties,
-            owned[own.places],
+            layout.positions(*self._jacobian), layout.positions(*own.rows.curvature_pattern),
+            (*self._pairs, layout.positions(*self._products)), ties, owned[own.places],
         )  # fmt: skip
 
 
@@ -236,14 +235,14 @@ def _add_curved(constraints, driven, turns, residual, q, multipliers, scale, gai
     y, g, h, scratch = np.zeros(m), np.zeros(m), np.zeros((m, m)), scratch_of(statements, m // 2)
     so_far = np.zeros(n_lanes)  # of the terms of a constraint before this one, less what is wanted
     for k in range(constraints.places.size):
-        first = k == 0 or constraints.places[k] != constraints.places[k - 1]
-        alone = first and (k + 1 == constraints.places.size or constraints.places[k] != constraints.places[k + 1])
+        begins = k == 0 or constraints.places[k] != constraints.places[k - 1]
+        alone = begins and (k + 1 == constraints.places.size or constraints.places[k] != constraints.places[k + 1])
         if constraints.linear[k]:
             for lane in range(0 if alone else n_lanes):
                 value = rows.constants[k] - _wanted(constraints, k, driven)
                 for entry in range(starts[k], starts[k + 1]):
                     value += rows.slopes[entry] * q[unknowns[entry], lane]
-                so_far[lane] = value if first else so_far[lane] + value
+                so_far[lane] = value if begins else so_far[lane] + value
         else:
             number, motion, of = constraints.places[k], constraints.motions[k], constraints.near[k]
             goal, near = _wanted(constraints, k, driven), driven[motion] if motion >= 0 else 0.0
@@ -256,7 +255,7 @@ def _add_curved(constraints, driven, turns, residual, q, multipliers, scale, gai
                     dof = rows.dofs[k, i]
                     y[i] = q[dof, lane] if dof >= 0 else 0.0
                 missed = state(statements, k, y, near, fresh, scratch, g, h) - goal
-                so_far[lane] = missed if first else so_far[lane] + missed
+                so_far[lane] = missed if begins else so_far[lane] + missed
                 against = missed if itself else residual[number, lane]
                 force = multipliers[number, lane] + constraints.weights[k] * scale[lane] * against
                 for entry in range(starts[k], starts[k + 1]):

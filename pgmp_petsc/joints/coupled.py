@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, Number, Pair, no_parameter, refusal
+from pgmp_petsc.scene.fields import Name, Number, Pair, TwoNames, no_parameter, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -51,7 +51,7 @@ class Gear(CouplingEntry):
 
     type: Literal["gear"]
     dimensions = (2, 3)
-    joints: tuple[Name, Name] = Field(description="names of two joints that turn")
+    joints: TwoNames = Field(description="names of two joints that turn")
     ratio: Factor = Field(description="rad of the second for each rad of the first; negative where they turn against")
 
     def shares(self, motion):
@@ -66,7 +66,7 @@ class Rack(CouplingEntry):
 
     type: Literal["rack"]
     dimensions = (2, 3)
-    joints: tuple[Name, Name] = Field(description="name of a joint that turns, and of one that slides")
+    joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
     radius: Factor = Field(description="m for each rad; negative where it slides back as the first turns on")
 
     def shares(self, motion):
@@ -109,7 +109,7 @@ class Cam(CouplingEntry):
     type: Literal["cam"]
     dimensions = (2, 3)
     from_placements = False
-    joints: tuple[Name, Name] = Field(description="name of the joint that turns with the cam, and of the follower's")
+    joints: TwoNames = Field(description="name of the joint that turns with the cam, and of the follower's")
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of the follower's joint; needed where it has both"
     )
