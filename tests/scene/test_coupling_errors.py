@@ -30,7 +30,7 @@ joints.mesh.elastic={stiffness=1.0} -> joints.mesh.elastic | unknown key
 joints.mesh.type="belt" -> = "belt": unknown
 joints.mesh={type="screw", joint="input", lead=1.0} -> joints.mesh.type = "screw": for mechanisms in space
 joints.mesh={type="rack", joints=["input", "output"], radius=1.0} -> \
-    joints.mesh.joints = "output": a joint that has the motion sliding is needed; this one is revolute, which has turning
+    joints.mesh.joints = "output": a joint that has the motion sliding is needed; this one is revolute
 joints.mesh={type="coupling", terms={input=1.0}} -> joints.mesh.terms
 joints.mesh={type="coupling", terms={input=1.0, output=0.0}} -> joints.mesh.terms.output = 0.0: a number other than 0
 joints.mesh={type="coupling", terms={input=1.0, outptu=2.0}} -> joints.mesh.terms = "outptu": there is no such joint
@@ -47,7 +47,7 @@ joints.thread.lead=0.0 -> = 0.0: a number other than 0 is needed
 joints.thread.joint="thread" -> = "thread": a joint that has the motion sliding is needed; this one is screw || \
     joints.thread.joint = "thread": a joint that has the motion turning is needed; this one is screw
 joints.thread={type="coupling", terms={shaft=1.0, thread=1.0}} -> \
-    joints.thread.terms = "shaft": shaft is cylindrical, which turns and slides; couple it by a gear, a rack or a screw || \
+    joints.thread.terms = "shaft": shaft is cylindrical, which turns and slides; couple it by a gear || \
     joints.thread.terms = "thread": a joint that turns or slides is needed; this one is coupling
 """,
     ROTORS_IN_SPACE: """
@@ -55,12 +55,13 @@ coordinates.phi={points=["one:hub", "two:hub"], range=[0.1, 0.2]} & simulation.i
     joints.mesh.joints: in space turns are counted from the coordinates: all but one of the joints that turn must be
 """,
     CAM: """
-joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [0.5, 0.1], [6.283185307179586, 0.0]] -> = | angles must increase; 0.5 follows 1
+joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [0.5, 0.1], [6.283185307179586, 0.0]] -> = | angles must increase; 0.5
 joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [3.0, 0.1], [6.0, 0.0]] -> = | must span one turn
 joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.01]] -> = | must close
 joints.lift.table=[[0.0, 0.0], [6.283185307179586, 0.0]] -> joints.lift.table
 joints.lift.table=3 -> joints.lift.table = 3
-joints.lift.table=[[0.0, "a"], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.0]] -> joints.lift.table[0] = | two finite numbers in brackets are needed || \
+joints.lift.table=[[0.0, "a"], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.0]] -> \
+    joints.lift.table[0] = | two finite numbers in brackets are needed || \
     joints.lift.table = | entry is needed
 """,
 }
