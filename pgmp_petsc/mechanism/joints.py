@@ -85,13 +85,19 @@ class Connection:
     #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
-    held: tuple[Statement, ...]  # what is zero in the motion too
+    held: tuple[Statement, ...]  # what is zero in the motion
     released: tuple[Release, ...]  # directions that are held in the configuration alone
+    moved: Attachment  # a in the motion: where the joint is, if it is off
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
+
+    @property
+    def sides_held(self) -> tuple[Attachment, Attachment]:
+        """Both attachments in the motion, which `held` is about."""
+        return self.moved, self.b
 
     @property
     def holds_position(self) -> bool:
@@ -100,7 +106,9 @@ class Connection:
 
     def holding(self, moving: bool = False) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
         """Return what is zero in the configuration, or in the motion too, with its sides."""
-        return [(part, self.sides) for part in (self.held if moving else self.statements)]
+        if moving:
+            return [(part, self.sides_held) for part in self.held]
+        return [(part, self.sides) for part in self.statements]
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""

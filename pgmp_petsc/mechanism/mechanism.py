@@ -189,7 +189,8 @@ class Mechanism:
 
         These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
         statements that make the directors of `frames` a rotation: of its bodies' poses, or of all nodes. Elastic joints
-        are locked, as in the configuration; `moving` is without what they release.
+        are locked and none is off, as in the configuration; `moving` is without what they release, and about joints
+        where they are.
         """
         held = [part for one in self.holders for part in one.holding(moving)]
         values = np.zeros(len(held))
