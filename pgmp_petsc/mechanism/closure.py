@@ -23,6 +23,7 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -128,9 +129,7 @@ class LoopClosure:
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
         n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
-        moving = rates.reshape(len(unknowns), n_theta, n)[self._rows.dofs]
-        moving[self._rows.dofs < 0] = 0.0
-        right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
+        right = self._rows.second_along(unknowns, rates.reshape(len(unknowns), n_theta, n))
         result = -self._least(poses, self.jacobian(poses), right.reshape(n, self._rows.n, -1))
         return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
 
@@ -230,7 +229,7 @@ class LoopClosure:
         share = values[rank] / values[0] if values.size > rank else 0.0
         if not SINGULAR_TOLERANCE < share < CROOKED:
             return ""
-        most = max(self.mechanism.connections, key=lambda c: np.max(np.abs(left[c.rows, rank])))
+        most = max(self.mechanism.holders, key=lambda c: np.max(np.abs(left[c.rows, rank])))
         return f"joints.{most.name}: what it holds (by {share:.2g} of what others hold)"
 
     @property
@@ -265,7 +264,9 @@ class LoopClosure:
     def _gaps(self, residual: np.ndarray) -> tuple[str, str]:
         """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
         scaled = residual / self._scale
-        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        blame = max(self.mechanism.holders, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        if blame in self.mechanism.couplings:
+            return f"the coupling is {residual[blame.rows][0]:.3g} off", blame.name
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
@@ -350,10 +351,11 @@ class LoopClosure:
 def jacobian_of(rows: StatementRows, poses: np.ndarray) -> np.ndarray:
     """Return the derivatives of statements at poses (n_bodies, n_pose, n), shape (n, n_rows, n_pose n_bodies)."""
     unknowns = _unknowns(poses)
-    jacobian = np.zeros((unknowns.shape[1], rows.n, len(unknowns)))
-    of, columns = rows.jacobian_pattern
-    jacobian[:, of, columns] = rows.jacobian_values(unknowns).T
-    return jacobian
+    (of, columns), n = rows.jacobian_pattern, len(unknowns)
+    # terms of a row may have one unknown in common
+    adding = sp.csr_matrix((np.ones(of.size), (n * of + columns, np.arange(of.size))), shape=(rows.n * n, of.size))
+    jacobian = adding @ rows.jacobian_values(unknowns)
+    return np.ascontiguousarray(jacobian.T).reshape(unknowns.shape[1], rows.n, n)
 
 
 def size_of(mechanism: Mechanism) -> float:
