@@ -262,6 +262,7 @@ def _built(
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
+        *kinematics.remarks,
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *rounds.remarks(store.samples, basis),
