@@ -362,7 +362,24 @@ class RigidKinematics:
             else:
                 where = f"in {names}" if names else "as no joint is on it"
                 texts.append(f"{body.name} can move by itself {where}: name a coordinate for it, or join it otherwise")
-        return "".join(f". {text}" for text in texts)
+        return "".join(f". {text}" for text in texts or self._on_no_ground())
+
+    def _on_no_ground(self) -> list[str]:
+        """Say which bodies are joined to others, and none of them to the ground."""
+        from scipy.sparse import coo_array  # a mechanism that is held has no use for them
+        from scipy.sparse.csgraph import connected_components
+
+        n = len(self.mechanism.bodies)
+        one, other = np.array([[side.body % (n + 1) for side in c.sides] for c in self.mechanism.connections]).T
+        _, groups = connected_components(coo_array((np.ones(one.size), (one, other)), shape=(n + 1, n + 1)))
+        texts = []
+        for group in np.setdiff1d(groups, groups[n:]):
+            names = [self.mechanism.bodies[k].name for k in np.flatnonzero(groups[:n] == group)]
+            texts.append(
+                f"{' and '.join(names)} are joined to each other alone: what stands on springs has a joint that is "
+                'elastic, such as type = "fixed" with elastic.stiffness, and is locked there for the count'
+            )
+        return texts
 
     def _without_spin(self, own: Sequence[Connection], poses: np.ndarray) -> list[str]:
         """Return the entries of joints in the places of two, empty where they hold the spin of their body about the
