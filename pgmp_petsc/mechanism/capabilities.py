@@ -92,6 +92,10 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
+def _off(scene: Scene) -> Iterator[str]:
+    return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
+
+
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
@@ -166,6 +170,20 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "joints that are off in what goes over configurations",
+        _off,
+        EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS},
+        why_not="no part of reduced models and of modes over configurations",
+        cure="take pgmp simulate SCENE --full or --components",
+    ),
+    Feature(
+        "joints that are off beside elastic ones",
+        lambda scene: (entry for entry in _off(scene) if any(_elastic(scene))),
+        EVERYWHERE,
+        why_not="the stress that it builds in is found without springs, which elastic joints need",
+        cure="leave it out, or take effects of type bushing in place of joints with elastic",
     ),
     Feature(
         "preload with elastic joints",

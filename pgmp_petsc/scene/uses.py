@@ -92,10 +92,17 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
-        for key, *use in joint.elastic.uses() if joint.elastic is not None else ():
-            yield Use(f"joints.{name}.elastic.{key}", *use)
+        for table in ("elastic", "offset"):
+            for key, *use in getattr(joint, table).uses() if getattr(joint, table) is not None else ():
+                yield Use(f"joints.{name}.{table}.{key}", *use)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+
+
+def offset_names(scene: Scene) -> set[str]:
+    """Return the parameters that are offsets of joints."""
+    offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
+    return {value for offset in offsets for _, value, *_ in offset.uses() if isinstance(value, str)}
 
 
 def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
