@@ -240,10 +240,10 @@ class Continuation:
             why = "it moved to another assembly branch"
             if mechanism.couplings:
                 names = ", ".join(f"joints.{coupling.name}" for coupling in mechanism.couplings)
-                why += f", or by {names} a body turned or moved by a part: the slowest joint as coordinate brings it back"
+                why += f", or by {names} a body moved by a part of a turn: the slowest joint as coordinate does"
             raise InputError(
-                f"coordinates.{mechanism.coordinates[axis].name}.periodic = true: after one turn the mechanism does not "
-                f"come back to where it began ({why}); give a range that is not periodic"
+                f"coordinates.{mechanism.coordinates[axis].name}.periodic = true: after one turn the mechanism does "
+                f"not come back to where it began ({why}); give a range that is not periodic"
             )
         return winding
 
