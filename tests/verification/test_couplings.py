@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
@@ -159,3 +160,10 @@ def test_nothing_is_lost_between_coupled_joints(model: str) -> None:
     balance = (simulate_full if model == "full" else simulate_reduced)(made, MPI.COMM_SELF).balance
     # the square of the step, of the shortest vibrations that the run begins with
     assert np.abs(balance.residual).max() < 1e-3 * balance.kinetic[0]
+
+
+def test_a_turn_that_does_not_bring_a_geared_body_back_says_so() -> None:
+    turn = ("coordinates.phi.range=[0.0, 6.283185307179586]", "coordinates.phi.periodic=true")
+    with pytest.raises(InputError, match="joints.mesh a body moved by a part of a turn: the slowest joint"):
+        scene = scene_from_toml(ROTORS, ".", turn)
+        RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
