@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from pgmp_petsc import __version__
 from pgmp_petsc.c_export.constants import Constants
-from pgmp_petsc.scene.units import measure
+from pgmp_petsc.scene.dimensions import measure
 
 # value references, as in unit.h
 BLOCK = 1_000_000

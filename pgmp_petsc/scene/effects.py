@@ -16,6 +16,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
+from pgmp_petsc.scene.dimensions import SI, UnknownUnit, take_unit
 from pgmp_petsc.scene.fields import (
     LoadHarmonic,
     LoadTable,
@@ -27,8 +28,7 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.units import SI, UnknownUnit, take_unit
-from pgmp_petsc.scene.uses import Use
+from pgmp_petsc.scene.uses import Use, slides
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
@@ -132,6 +132,10 @@ class EffectEntry(Table):
             for value in found if isinstance(found, tuple) else (found,):
                 if value is not None:
                     yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
+
+    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
+        yield from ()
 
     @property
     def is_over_time(self) -> bool:
@@ -255,6 +259,12 @@ class OverTime(EffectEntry):
             yield Use(use.entry, use.value, use.sign, ("1", self.unit_of_values)) if is_scale else use
         for key, value in self.values_over_time:
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
+
+    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield the times of a table, or where its rows are along the motion of its joint."""
+        unit = "s" if self.is_over_time else "m" if slides(scene, self) else "rad"
+        for row in range(len(self.table or ())):
+            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
 
     @model_validator(mode="after")
     def _one_function(self) -> Self:

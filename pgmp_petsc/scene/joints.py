@@ -14,7 +14,7 @@ from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validat
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
-from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, exactly_one, refusal
+from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, Unit, exactly_one, refusal
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -160,7 +160,7 @@ class Coordinate(Table):
     points: Connection | None = Field(
         None, description='in place of a joint: two points, "body:point" or "ground:point", whose distance it is'
     )
-    range: Interval = Field(
+    range: Annotated[Interval, Unit("rad", "m")] = Field(
         description="first and last angle (rad), displacement or distance (m); an angle is zero where the frames of "
         "both bodies point the same way, in space where the bodies are as placed, a displacement where the points meet"
     )

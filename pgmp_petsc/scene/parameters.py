@@ -39,7 +39,7 @@ from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.base.errors import nearest_name
-from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, at_most, refusal
+from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, Unit, at_most, refusal
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem
 
@@ -395,7 +395,7 @@ class RandomField(Table):
         'rectangle of beam2d; "thickness" of solid2d'
     )
     variation: PositiveNumber = Field(description="coefficient of variation: deviation over mean")
-    length: PositiveNumber = Field(description="correlation length (m)")
+    length: Annotated[PositiveNumber, Unit("m")] = Field(description="correlation length (m)")
     kernel: Literal["exponential", "squared_exponential", "matern"] = Field(
         "exponential", description="correlation over the distance"
     )
