@@ -1,4 +1,4 @@
-"""A body's matrices and nodes from the files that a scene names, in SI units.
+"""A body's matrices and nodes from the files that a scene names, in the scene's units.
 
 What matrices of a free body of displacements have to be; each check says what was found and the cure.
 

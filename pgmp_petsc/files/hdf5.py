@@ -13,7 +13,7 @@ attribute             meaning
 ``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``, ``tradeoff``,
                       ``sensitivities``, ``fit`` or ``design``
 ``scene``             the resolved scene as TOML
-``parameters``        parameter values as a JSON object, SI units
+``parameters``        parameter values as a JSON object, in the scene's units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none
 ``ranks``             number of MPI ranks of the run
 ``remarks``           warnings and notes as JSON, see :mod:`pgmp_petsc.base.errors`
@@ -448,7 +448,7 @@ def csv_table(
     where
         How messages name the file.
     units
-        By name, the unit of each column that has a part; empty where only SI is known.
+        By name, the unit of each column that has a part; empty where only the scene's units are known.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]
@@ -469,7 +469,7 @@ def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
         return column
     name, unit = parts.groups()
     if unit.strip() != units[name]:
-        needed = units[name] or "SI units"
+        needed = units[name] or "the scene's units"
         raise InputError(f"{where}: the column '{column}' has to be in {needed}: convert it, and name it '{name}'")
     return name
 

@@ -18,6 +18,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.scene.unit_systems import unit_system
 
 MAX_ITERATIONS = 25
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
@@ -193,7 +194,7 @@ class LoopClosure:
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
-            return f"a gap of {apart:.3g} m remains", blame.name
+            return f"a gap of {apart:.3g} {unit_system(self.mechanism.scene).unit('m')} remains", blame.name
         turned = np.max(np.abs(scaled[blame.rows]))
         return f"the points meet, and an angle of {np.arcsin(min(turned, 1.0)):.3g} rad remains", blame.name
 

@@ -92,7 +92,8 @@ class FileUnits(Table):
 
 
 class Stated(Table):
-    """Mass properties that matrices must have, in the units of the scene: what the program that wrote them says of the body."""
+    """Mass properties that matrices must have, in the scene's units: what the program that wrote them says of the
+    body."""
 
     mass: Annotated[PositiveNumber, Unit("kg")] | None = Field(None, description="mass (kg)")
     centre: Annotated[Numbers, Unit("m")] | None = Field(
@@ -186,9 +187,9 @@ class Rigid(Table):
         principal = np.linalg.eigvalsh(self.tensor(number))
         words = ", ".join(f"{moment:.6g}" for moment in principal)
         if principal[0] <= SINGULAR * principal[-1]:
-            return f"is not positive definite: its principal moments are {words} kg m2"
+            return f"is not positive definite: its principal moments are {words}"
         if principal.size > 1 and principal[2] > principal[0] + principal[1] + ROUNDED * principal[2]:
-            return f"no body has it: of the principal moments {words} kg m2 the last is above the sum of the others"
+            return f"no body has it: of the principal moments {words} the last is above the sum of the others"
         return ""
 
 

@@ -28,6 +28,7 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
+from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import Use, slides
 
 if TYPE_CHECKING:
@@ -302,19 +303,20 @@ class OnJoint(EffectEntry):
         texts, note = [], ""
         if not cls.strength or not exchanged:
             return None
-        _, unit = cls.quantities[cls.strength]
-        for motion, (own,) in (("turning", unit.turning), ("sliding", unit.sliding), ("spin", unit.turning)):
+        _, of = cls.quantities[cls.strength]
+        unit = unit_system(scene).unit
+        for motion, (own,) in (("turning", of.turning), ("sliding", of.sliding), ("spin", of.turning)):
             works = {
                 joint: cls.work(rate, run.time, motion == "spin")
-                for (joint, of), rate in run.joints.items()
-                if of == motion
+                for (joint, own_motion), rate in run.joints.items()
+                if own_motion == motion
             }
             if not any(works.values()):
                 continue
             joint = max(works, key=works.get)
             kind = scene.joints[joint]
             about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if motion == "spin" else ""
-            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {own} on ({joint}{about})")
+            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit(own)} on ({joint}{about})")
             note = "; none can be on joints that turn about several axes" if motion == "spin" else ""
         return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 

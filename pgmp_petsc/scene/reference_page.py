@@ -45,7 +45,8 @@ def editor_schema() -> dict[str, Any]:
         "$schema": DIALECT,
         "title": TITLE,
         **schema,
-        "description": "A mechanism, what acts on it, how it is computed and what is asked of it. SI units.",
+        "description": "A mechanism, what acts on it, how it is computed and what is asked of it. SI units, or "
+        "those of `scene.units`.",
         "definitions": {name: _table_schema(model) for name, model in found["$defs"].items()},
     }
 
@@ -129,7 +130,7 @@ another one of its kind, such as `"500 mm"` or `"30 deg"`. An entry with "or a p
 one of `[parameters]`. What has neither a default nor the word *needed* is absent unless a scene has it. Names that a
 scene chooses begin with a letter or `_` and go on with letters, digits, `_` and `-`.
 """
-#: Units in texts that are written otherwise than in `units.SI`.
+#: Units in texts that are written otherwise than in `dimensions.SI`.
 SPELLED = {
     "Nm": "N m",
     "Nm/rad": "N m/rad",

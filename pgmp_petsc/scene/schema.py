@@ -1,4 +1,4 @@
-"""The scene: everything that a user says about a mechanism, validated. SI units throughout."""
+"""The scene: everything that a user says about a mechanism, validated. Numbers are in the units that it says."""
 
 from __future__ import annotations
 
