@@ -13,17 +13,20 @@ from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.loads import HoldingTorque
 from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
+from pgmp_petsc.effects.springs import elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Return the effects that a scene names and that act by forces, in its order, and what holds coordinates at first.
+    """Return the effects that a scene names and that act by forces, in its order, the springs of elastic joints, and
+    what holds coordinates at first.
 
     Raises `InputError` if an effect names a point that its body's mesh does not have.
     """
     named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
+    named += [elastic_joint(c.name, scene, mechanism) for c in mechanism.connections if c.released]
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
 

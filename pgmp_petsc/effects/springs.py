@@ -36,8 +36,9 @@ from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.laws import SPRING_DAMPER
 from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.releases import sines
 from pgmp_petsc.mechanism.space import directors
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, perpendicular
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry, OnJoint
 from pgmp_petsc.scene.fields import (
@@ -49,14 +50,10 @@ from pgmp_petsc.scene.fields import (
     exactly_one,
     refusal,
 )
-from pgmp_petsc.scene.joints import are_parallel
-from pgmp_petsc.scene.messages import Finding, doubt, named, problem
+from pgmp_petsc.scene.joints import DAMPED_BY, frame_problems
+from pgmp_petsc.scene.messages import Finding, doubt, named
 from pgmp_petsc.scene.messages import refusal as impossible
 from pgmp_petsc.scene.numerics import Reduction
-
-#: Rotations that a bushing resists, and what a scene moves in.
-TURNS = {2: 1, 3: 3}
-WHERE = {2: "in the plane", 3: "in space"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,24 +273,7 @@ class Bushing(EffectEntry):
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if its axes make no frame, or it has not as many numbers as axes."""
-        n, entry = scene.dimension, f"effects.{name}"
-        wanted = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]" if n == 3 else "one axis, [[1.0, 0.0]]"
-        given = [list(axis) for axis in self.reference]
-        if len(given) != n - 1 or any(len(axis) != n for axis in given):
-            yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
-        elif n == 3 and are_parallel(*given):
-            words = "the axes must not be parallel; the second one is at a right angle"
-            yield problem(f"{entry}.reference", words, given)
-        for key, count in (
-            ("stiffness", n),
-            ("damping", n),
-            ("turning_stiffness", TURNS[n]),
-            ("turning_damping", TURNS[n]),
-        ):
-            numbers = getattr(self, key)
-            if numbers and len(numbers) != count:
-                what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
-                yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
+        yield from frame_problems(self, scene.dimension, f"effects.{name}")
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return one action for each spring and damper."""
@@ -304,7 +284,7 @@ class Bushing(EffectEntry):
         sliding = [along(axis) for axis in in_a.T]
         if space.dimension == 3:
             in_b, rest = directors(frames[1]).T @ directors(frames[0]) @ in_a, 0.0
-            turning = [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]
+            turning = sines(in_a, in_b)
         else:
             turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
         parts = [(sliding, self.stiffness, self.damping, 0.0)]
@@ -318,3 +298,16 @@ class Bushing(EffectEntry):
             ],
             mechanism,
         )
+
+
+def elastic_joint(name: str, scene: Scene, mechanism: Mechanism) -> ActionEffect:
+    """Return the springs and dampers of the directions that a joint by a name releases."""
+    connection, elastic, actions = mechanism.connection(name), scene.joints[name].elastic, []
+    for part in connection.released:
+        k, c = getattr(elastic, part.key), getattr(elastic, DAMPED_BY[part.key])
+        own = (k[part.axis],), c[part.axis : part.axis + 1]
+        actions += [
+            Action(name, statement, *connection.sides, SPRING_DAMPER, parameters)
+            for statement, parameters in _springs([part.statement], *own, part.rest)
+        ]
+    return ActionEffect(name, actions, mechanism)

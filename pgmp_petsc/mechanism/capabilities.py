@@ -88,6 +88,10 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
+def _elastic(scene: Scene) -> Iterator[str]:
+    return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
+
+
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
@@ -134,6 +138,21 @@ FEATURES = (
         frozenset({Purpose.COMPONENTS}),
         why_not="bodies in floating frames follow their shortening at once",
         cure='take "static", or pgmp simulate --full',
+    ),
+    Feature(
+        "elastic joints in reduced models",
+        _elastic,
+        OF_THE_REDUCTION - {Purpose.CHECK},
+        why_not="no part of reduced models",
+        cure="take pgmp simulate SCENE --full or --components, or an effect of type bushing",
+    ),
+    Feature(
+        "preload with elastic joints",
+        lambda scene: (
+            f"reduction.preload = true with {entry}" for entry in _elastic(scene) if scene.reduction.preload
+        ),
+        frozenset({Purpose.MODES}),
+        why_not="the work of loads on motions of second order is not known of what elastic joints release",
     ),
     Feature(
         "full-order runs",

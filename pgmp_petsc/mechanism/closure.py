@@ -8,6 +8,8 @@ by Newton's method. With J the Jacobian of both, implicit differentiation gives 
 ``J d2P/dtheta_k dtheta_l = -(d2c/dP2)[dP_k, dP_l]``.
 
 Redundant constraints (the same statement twice) are allowed: J then has more rows than columns and full column rank.
+
+What elastic joints allow beside the motion of the coordinates: `ReleasedClosure`.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from pgmp_petsc.scene.unit_systems import unit_system
 
 MAX_ITERATIONS = 25
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
+RELEASED_TOLERANCE = 1e-8  # of a released direction's own change, what of it is independent of the others
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
 GUESSED = " (the first guess of how it is assembled; angles in rad)"
@@ -60,12 +63,13 @@ class LoopClosure:
         # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
         sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
         statements = [part for part, _ in parts]
-        self._rows = StatementRows(statements, sides, self._pose_dofs, mechanism.space.dimension)
+        self._rows = StatementRows(statements, sides, self.pose_dofs, mechanism.space.dimension)
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
 
-    def _pose_dofs(self, body: int) -> np.ndarray:
+    def pose_dofs(self, body: int) -> np.ndarray:
+        """Return the unknowns of a body's pose, shape (n_pose,)."""
         return self.n_pose * body + np.arange(self.n_pose)
 
     def describe(self, theta: np.ndarray) -> str:
@@ -84,16 +88,17 @@ class LoopClosure:
 
     def jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)."""
-        unknowns = _unknowns(poses)
-        jacobian = np.zeros((unknowns.shape[1], self._rows.n, len(unknowns)))
-        rows, columns = self._rows.jacobian_pattern
-        jacobian[:, rows, columns] = self._rows.jacobian_values(unknowns).T
-        return jacobian
+        return jacobian_of(self._rows, poses)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """Return J (n, n_rows, n_pose n_bodies) with lengths scaled by the size, so that singular values do not depend
         on the unit."""
-        return jacobian * self._units / self._scale[: jacobian.shape[1], None]
+        return self.scaled_by(jacobian, self._scale[: jacobian.shape[1]])
+
+    def scaled_by(self, jacobian: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """Return a Jacobian (..., n_rows, n_pose n_bodies) with its rows divided by a scale (n_rows,), and lengths of
+        poses in units of the size."""
+        return jacobian * self._units / scale[:, None]
 
     def rates(self, poses: np.ndarray, jacobian: np.ndarray | None = None) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n), with J there if
@@ -245,6 +250,15 @@ class LoopClosure:
         return poses, gap
 
 
+def jacobian_of(rows: StatementRows, poses: np.ndarray) -> np.ndarray:
+    """Return the derivatives of statements at poses (n_bodies, n_pose, n), shape (n, n_rows, n_pose n_bodies)."""
+    unknowns = _unknowns(poses)
+    jacobian = np.zeros((unknowns.shape[1], rows.n, len(unknowns)))
+    of, columns = rows.jacobian_pattern
+    jacobian[:, of, columns] = rows.jacobian_values(unknowns).T
+    return jacobian
+
+
 def size_of(mechanism: Mechanism) -> float:
     """Return a length that is typical of a mechanism: the largest extent of a body, m."""
     return max(body.extent for body in mechanism.bodies)
@@ -268,3 +282,65 @@ def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _unknowns(poses: np.ndarray) -> np.ndarray:
     """Return the poses (n_bodies, n_pose, n) of all bodies one after the other, shape (n_bodies n_pose, n)."""
     return poses.reshape(poses.shape[0] * poses.shape[1], poses.shape[2])
+
+
+class ReleasedClosure:
+    """Velocities that elastic joints allow rigid bodies while all coordinates are held: columns N_i of poses' rates.
+
+    With the Jacobians C of what the joints hold in the motion, T of the coordinates and S of what they release,
+
+        C N_i = 0,    T N_i = 0,    S_j N_i = delta_ij,
+
+    where j goes over as many independent ones of the released directions as there are such motions: a frame on two
+    mounts in the plane has three, of the six directions that these release.
+
+    Parameters
+    ----------
+    closure
+        The closure of the configuration, whose joints are locked.
+    """
+
+    def __init__(self, closure: LoopClosure) -> None:
+        mechanism = closure.mechanism
+        self._closure = closure
+        origin = np.zeros(mechanism.space.dimension)
+        frames = [Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))]
+        parts = mechanism.holding(frames, moving=True)[0] + [(c.statement, c.sides) for c in mechanism.coordinates]
+        self._n_held = len(parts)
+        parts += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
+        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
+        statements = [part for part, _ in parts]
+        self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)
+        self._scale = np.where([part.is_length for part in statements], closure.size, 1.0)
+        self._chosen: np.ndarray | None = None  # numbers of the rows, all that are held and the chosen released ones
+
+    def rates(self, poses: np.ndarray) -> np.ndarray:
+        """Return them at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_released, n): m and rad for 1 m or 1
+        rad of a released direction."""
+        n_bodies, n_pose, n = poses.shape
+        if self._n_held == self._rows.n:
+            return np.zeros((n_bodies, n_pose, 0, n))
+        jacobian = jacobian_of(self._rows, poses)
+        if self._chosen is None:
+            self._chosen = self._independent(jacobian[0])
+        n_released = self._chosen.size - self._n_held
+        unit = np.zeros((n, self._chosen.size, n_released))
+        unit[:, self._n_held :] = np.eye(n_released)
+        return np.moveaxis(_solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
+
+    def _independent(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return all rows that are held, and of the released ones as many as are independent of these, the first ones
+        that are."""
+        scaled = self._closure.scaled_by(jacobian, self._scale)
+        values, right = np.linalg.svd(scaled[: self._n_held])[1:]
+        rank = int(np.sum(values > RELEASED_TOLERANCE * values[0]))
+        free, chosen = right[rank:].T, list(range(self._n_held))
+        moved = scaled @ free
+        basis = np.zeros((free.shape[1], 0))
+        for row in range(self._n_held, len(scaled)):
+            rest = moved[row] - basis @ (basis.T @ moved[row])
+            size = np.linalg.norm(rest)
+            if size > RELEASED_TOLERANCE * np.linalg.norm(moved[row]):
+                chosen.append(row)
+                basis = np.column_stack([basis, rest / size])
+        return np.array(chosen)

@@ -11,6 +11,7 @@ from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Connection, share_position, triad, weld
+from pgmp_petsc.mechanism.releases import parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
@@ -64,18 +65,25 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     """Return the joints of a scene, and the welds of point masses to rigid bodies.
 
     A joint's axes in the second body are those of the first at poses (n_bodies, n_pose); in the plane angles are those
-    between the bodies' axes. Raises `InputError` if a joint names a point that its body's mesh does not have.
+    between the bodies' axes. Raises `InputError` if a joint names a point that its body's mesh does not have, or is
+    elastic where it is free (`releases.parted`).
     """
     space = space_of(scene.dimension)
     connections, row = [], 0
     for name, holds, axes, sides in _held(scene, bodies):
         in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(space.dimension)
         turns = [_directors(space, space.identity if s.on_ground else poses[s.body]) for s in sides]
-        in_b = turns[1].T @ turns[0] @ in_a
+        turn = turns[1].T @ turns[0]
+        in_b = turn @ in_a
         statements = tuple(holds(in_a, in_b))
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
-        connections.append(Connection(name, statements, *sides, rows, turning))
+        held, released, elastic = statements, (), scene.joints[name].elastic if name in scene.joints else None
+        if elastic is not None:
+            first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
+            rest = second - first if space is not SPATIAL else 0.0
+            held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
+        connections.append(Connection(name, statements, *sides, rows, turning, held, released))
         row = rows.stop
     return tuple(connections)
 

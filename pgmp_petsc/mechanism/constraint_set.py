@@ -1,7 +1,8 @@
 """All constraints of a mechanism in its unknowns: residual, Jacobian and curvature on fixed patterns.
 
-They are the statements of the joints, in space those that make directors a rotation, the ties of frames to their faces,
-and the angles that prescribed coordinates hold. Trailing axes of q (samples) are kept.
+They are the statements of the joints but for those that elastic ones release, in space those that make directors a
+rotation, the ties of frames to their faces, and the angles that prescribed coordinates hold. Trailing axes of q
+(samples) are kept.
 """
 
 from __future__ import annotations
@@ -60,14 +61,14 @@ class ConstraintSet:
         mechanism, d = unknowns.mechanism, unknowns.dimension
         self._unknowns, self.n_dofs = unknowns, unknowns.n_dofs
         frames = [Attachment(0, node, np.zeros(d), np.zeros(d)) for node in range(mechanism.n_nodes)]
-        parts, self._wanted = mechanism.holding(frames)
+        parts, self._wanted = mechanism.holding(frames, moving=True)
         driven = [(c.statement, c.sides) for c in mechanism.coordinates if c.prescribed]
         self._joints, self._drives = (
             StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
             for rows in (parts, driven)
         )
         self._statements = [*parts, *driven]
-        self._n_directors = len(parts) - sum(len(c.statements) for c in mechanism.connections)
+        self._n_directors = len(parts) - mechanism.n_held
         self._ties = FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])

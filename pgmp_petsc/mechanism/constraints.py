@@ -23,8 +23,8 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 class ConstraintJacobian:
     """C in body frames at configurations of the rigid mechanism, on one nonzero pattern.
 
-    Rows are those of the joints, of the clamped coordinates, and of the ties of frames to the meshes of continuum
-    bodies.
+    Rows are those that the joints hold in the motion, of the clamped coordinates, and of the ties of frames to the
+    meshes of continuum bodies.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ class ConstraintJacobian:
     Attributes
     ----------
     pattern
-        A matrix with the nonzero pattern, shape (n_constraints + n_clamped + n_ties, n_dofs). What no constraint feels
+        A matrix with the nonzero pattern, shape (n_held + n_clamped + n_ties, n_dofs). What no constraint feels
         at any configuration is not in it: such an unknown must not become a dependent one.
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        held = [(part, c.sides) for c in mechanism.connections for part in c.statements]
+        held = [(part, c.sides) for c in mechanism.connections for part in c.held]
         self._gradients = BodyGradients(mechanism, held + [(c.statement, c.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
@@ -99,9 +99,11 @@ class ConstraintHessians:
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
         n_pose = mechanism.space.n_pose
-        self._joints: list[tuple[Connection, list[Attachment], StatementRows]] = []
+        self._joints: list[tuple[slice, Connection, list[Attachment], StatementRows]] = []
+        first = 0
         for connection in mechanism.connections:
-            parts = connection.statements
+            parts = connection.held
+            numbered = slice(first, first := first + len(parts))
             moving = [side for side in connection.sides if not side.on_ground]
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(
@@ -111,14 +113,14 @@ class ConstraintHessians:
                 mechanism.space.dimension,
             )
             if rows.curvature_pattern[0].size or mechanism.space.n_tied:
-                self._joints.append((connection, moving, rows))
+                self._joints.append((numbered, connection, moving, rows))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
         """Return them at poses (n_bodies, n_pose)."""
         return [self._of_joint(*joint, poses) for joint in self._joints]
 
     def _of_joint(
-        self, connection: Connection, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
+        self, numbered: slice, connection: Connection, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
     ) -> ConstraintHessian:
         space = self._mechanism.space
         at = [poses[side.body] for side in moving]
@@ -132,4 +134,4 @@ class ConstraintHessians:
             own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
             curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
         dofs = np.concatenate([self._mechanism.node_dofs(side.node) for side in moving])
-        return ConstraintHessian(connection.rows, dofs, curved)
+        return ConstraintHessian(numbered, dofs, curved)

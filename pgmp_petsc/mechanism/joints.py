@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.statements import MEET, Statement, along, angle, meet, perpendicular, within
+
+if TYPE_CHECKING:
+    from pgmp_petsc.mechanism.releases import Release
 
 
 def meeting(dimension: int) -> list[Statement]:
@@ -64,13 +68,16 @@ class Connection:
     """A named joint between two attachments, and the rows of its constraints."""
 
     name: str
-    statements: tuple[Statement, ...]  # what is to be zero; joints whose points share their position begin with that
+    #: what is zero in the configuration; joints whose points share their position begin with that
+    statements: tuple[Statement, ...]
     a: Attachment
     b: Attachment
-    rows: slice
+    rows: slice  # of these, among those of all joints
     #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
+    held: tuple[Statement, ...]  # what is zero in the motion too
+    released: tuple[Release, ...]  # directions that are held in the configuration alone
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.closure import LoopClosure, size_of
+from pgmp_petsc.mechanism.closure import LoopClosure, ReleasedClosure, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
@@ -40,6 +40,8 @@ class RigidMotion:
     #: theta_l`` (`Space`), shapes (n_bodies, d + d^2, n_theta) and (n_bodies, d + d^2, n_theta, n_theta)
     velocities: np.ndarray
     accelerations: np.ndarray
+    #: as the velocities, of what elastic joints allow with theta held, shape (n_bodies, d + d^2, n_released)
+    released: np.ndarray
 
 
 class RigidKinematics:
@@ -111,11 +113,16 @@ class RigidKinematics:
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
         other.coordinate = mechanism.coordinates[0]
         other.__dict__.pop("_closure", None)
+        other.__dict__.pop("_released", None)
         return other
 
     @cached_property
     def _closure(self) -> LoopClosure:
         return LoopClosure(self.mechanism)
+
+    @cached_property
+    def _released(self) -> ReleasedClosure:
+        return ReleasedClosure(self._closure)
 
     def _continued(self) -> PoseBranch:
         """Follow the assembly branch over the range."""
@@ -140,8 +147,9 @@ class RigidKinematics:
         curvatures = self.curvatures(poses, rates)
         space = self.mechanism.space
         velocities = np.array([space.velocity_field(*own) for own in zip(poses, rates)])
+        released = np.array([space.velocity_field(*own) for own in zip(poses, self._released.rates(poses))])
         accelerations = np.array([space.acceleration_field(*own) for own in zip(poses, rates, curvatures)])
-        everything = (poses, rates, curvatures, velocities, accelerations)
+        everything = (poses, rates, curvatures, velocities, accelerations, released)
         parts = zip(*(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in everything))
         self._followed.update((one.tobytes(), RigidMotion(*part)) for one, part in zip(theta, parts))
 

@@ -113,8 +113,13 @@ class Mechanism:
 
     @property
     def n_constraints(self) -> int:
-        """Number of scalar constraints, redundant ones included."""
+        """Number of scalar constraints of the configuration, redundant ones included."""
         return sum(len(connection.statements) for connection in self.connections)
+
+    @property
+    def n_held(self) -> int:
+        """Number of scalar constraints of the motion: without those that elastic joints release."""
+        return sum(len(connection.held) for connection in self.connections)
 
     @property
     def mass_weights(self) -> tuple[Monomial, ...]:
@@ -172,14 +177,15 @@ class Mechanism:
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(
-        self, frames: Sequence[Attachment]
+        self, frames: Sequence[Attachment], moving: bool = False
     ) -> tuple[list[tuple[Statement, tuple[Attachment, Attachment]]], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
         These are the statements of the joints, which are zero, and in space those that make the directors of `frames` a
-        rotation: of its bodies' poses, or of all nodes.
+        rotation: of its bodies' poses, or of all nodes. Elastic joints are locked, as in the configuration; `moving` is
+        without what they release.
         """
-        held = [(part, c.sides) for c in self.connections for part in c.statements]
+        held = [(part, c.sides) for c in self.connections for part in (c.held if moving else c.statements)]
         values = np.zeros(len(held))
         if self.space is SPATIAL:
             ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()

@@ -111,7 +111,7 @@ class CurvatureProblem:
             forces += float(weight.evaluate(problem.values)) * part
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
-        rigid = modes.rigid[:, modes.free]
+        rigid = modes.unstrained
         # modes may be stiff too
         deflated = modes.eigenvectors if self._axial is None else rigid
         chi = self._answers(modes, deflated, shape, answered, pairs, forces, what)
@@ -138,7 +138,7 @@ class CurvatureProblem:
         everywhere = problem.all_rows(flexible)
         forces = self._third.weighted(everywhere, each, problem.values)
         answered = modes.eigenvalues * problem.times_mass(flexible)
-        rigid, what = modes.rigid[:, modes.free], "influence of loads on the stiffness"
+        rigid, what = modes.unstrained, "influence of loads on the stiffness"
         chi = self._answers(modes, rigid, flexible, answered, each, forces, what)
         momenta = self.rotary.momenta(everywhere, each, problem.values)[problem.rows.start : problem.rows.stop]
         return self._along(rigid, chi, momenta) - chi

@@ -4,9 +4,11 @@
 
 in body frames, where K and M are constant and theta enters through N alone. The zero eigenvalues, one for each free
 coordinate, belong to the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in
-the basis. Prescribed coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so
-that no flexible vector turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the
-flexible vectors are not orthogonal to them.
+the basis. What elastic joints release is no constraint, and their springs are not in K: the rigid motions that they
+allow with theta held have zero eigenvalues too, are known as exactly, and are in the basis behind the modes. Prescribed
+coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so that no flexible vector
+turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the flexible vectors are
+not orthogonal to them.
 
 What an eigenproblem finds at one configuration.
 """
@@ -28,7 +30,7 @@ from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
-from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil
+from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
 from pgmp_petsc.ranks.petsc import has_options
 
 if TYPE_CHECKING:
@@ -43,15 +45,22 @@ class ModeSet:
     eigenvalues: np.ndarray  # of the flexible modes, ascending, shape (n_modes,), (rad/s)^2
     rigid: np.ndarray  # ``d rho / d theta``, shape (n_local, n_theta)
     rigid_curvature: np.ndarray  # ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta)
-    #: m-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
-    #: n_modes)
+    #: m-orthonormal at the parameters of the problem and M-orthogonal to `unstrained`, shape (n_local, n_modes)
     flexible: np.ndarray
     free: np.ndarray  # numbers of the coordinates that are not prescribed
+    #: rigid motions that elastic joints allow, m-orthonormal, M-orthogonal to all others, shape (n_local, n_released)
+    released: np.ndarray
+
+    @property
+    def unstrained(self) -> np.ndarray:
+        """Vectors of zero eigenvalues: of free coordinates, and of elastic joints, shape (n_local, n_unstrained)."""
+        return np.hstack([self.rigid[:, self.free], self.released])
 
     @property
     def eigenvectors(self) -> np.ndarray:
-        """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_free + n_modes)."""
-        return np.hstack([self.rigid[:, self.free], self.flexible])
+        """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_unstrained +
+        n_modes)."""
+        return np.hstack([self.unstrained, self.flexible])
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -102,8 +111,10 @@ class ModalProblem:
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
         clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
-        first = self.mechanism.n_constraints
+        first = self.mechanism.n_held
         self._clamp_rows = slice(first, first + len(clamped))
+        #: number of vanishing eigenvalues: of free coordinates, and of what elastic joints allow
+        self.n_unstrained = self.free.size + kinematics.motion(self._lowest()).released.shape[-1]
         self._constraints = ConstraintJacobian(self.mechanism, clamped)
         self._null_spaces = NullSpaces(self._constraints.pattern)
         self.comm = comm
@@ -147,14 +158,15 @@ class ModalProblem:
 
         Raises `RunError` if the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
         """
-        theta, n_free = np.atleast_1d(theta), self.free.size
+        theta = np.atleast_1d(theta)
         rigid, curvature = self._move_to(theta)
-        where = self.kinematics.describe(theta)
-        pairs = self._pencil.solve(n_free, self.n_modes, where)
-        free = rigid[:, self.free]
-        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], free, where)
-        flexible = self._deflate(pairs.vectors[:, n_free:], free)
-        self._known = ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
+        released = self.released_motion(theta, rigid)
+        unstrained, where = np.hstack([rigid[:, self.free], released]), self.kinematics.describe(theta)
+        n = unstrained.shape[1]
+        pairs = self._pencil.solve(n, self.n_modes, where)
+        self._check_rigid(pairs.values, pairs.vectors[:, :n], unstrained, where)
+        flexible = self._deflate(pairs.vectors[:, n:], unstrained)
+        self._known = ModeSet(theta, pairs.values[n:], rigid, curvature, flexible, self.free, released)
         return self._known
 
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
@@ -169,7 +181,8 @@ class ModalProblem:
         """
         rigid, curvature = self._move_to(theta)
         self._pencil.factor()
-        self._known = ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free)
+        released = self.released_motion(theta, rigid)
+        self._known = ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free, released)
         return self._known
 
     def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
@@ -190,6 +203,23 @@ class ModalProblem:
         motion, own = self.kinematics.motion(theta), slice(self.rows.start, self.rows.stop)
         parts = (motion.velocities, motion.accelerations)
         return tuple(linear_motion(self.mechanism, part)[own] for part in parts)
+
+    def released_motion(self, theta: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+        """Return what elastic joints allow at a configuration with its rigid velocity, local rows, as in `ModeSet`.
+
+        Raises `RunError` if the directions that they release do not part these motions there.
+        """
+        everywhere = linear_motion(self.mechanism, self.kinematics.motion(theta).released)
+        released = everywhere[self.rows.start : self.rows.stop]
+        if not released.shape[1]:
+            return released
+        for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
+            released = self._deflate(released, rigid[:, self.free])
+            gram = self.inner(released, self.times_mass(released))
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+            factor = cholesky(gram * scale * scale[:, None], f"elastic joints at {self.kinematics.describe(theta)}")
+            released = forward(factor, (released * scale).T).T
+        return released
 
     def lost_inertia(self, theta: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return what inertia forces of ``d2 rho / d theta2`` at a configuration have beyond the mass terms times it
@@ -344,7 +374,7 @@ class ModalProblem:
 
     def _check_size(self) -> None:
         null = self._null_space(self._lowest())
-        self._available = null.independent.size - self.free.size
+        self._available = null.independent.size - self.n_unstrained
         if self.n_modes > self._available:
             raise InputError(
                 f"reduction.modes = {self.n_modes}: the mesh has only {self._available} flexible modes; "
@@ -358,12 +388,12 @@ class ModalProblem:
         The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
         eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
         """
-        n_free, lowest = self.free.size, self._lowest()
+        n, lowest = self.n_unstrained, self._lowest()
         self._move_to(lowest)
         stiffness, mass = self._pencil.norms()
         self._pencil.shift_to(-1e-9 * stiffness / mass, SCALE_PREFIX)
-        pairs = self._pencil.solve(n_free, 1, self.kinematics.describe(lowest))
-        self._pencil.shift_to(-0.5 * pairs.values[n_free], PREFIX)
+        pairs = self._pencil.solve(n, 1, self.kinematics.describe(lowest))
+        self._pencil.shift_to(-0.5 * pairs.values[n], PREFIX)
 
     def _sum(self, terms: Mapping[Monomial, sp.csr_matrix]) -> sp.csr_matrix:
         """Return the local rows of a matrix at the problem's parameter values."""

@@ -243,17 +243,19 @@ class SpringStiffness:
         return blocks
 
     def n_resisted(self, matrices: AffineMatrices, comm: MPI.Comm) -> int:
-        """Return how many independent free rigid motions have a stiffness, but for single configurations.
+        """Return how many independent rigid motions, of free coordinates and elastic joints, have a stiffness, but for
+        single configurations.
 
         Parameters are those of `at`. Collective on `comm`.
         """
         lower, upper = (np.array([getattr(c, end) for c in self.kinematics.coordinates]) for end in ("lower", "upper"))
         most = 0
-        for share in PLACES[:, : lower.size] if self.free.size else ():
+        for share in PLACES[:, : lower.size]:
             theta = lower + share * (upper - lower)
             motion = self.kinematics.motion(theta)
-            rigid = linear_motion(self._mechanism, motion.velocities)[:, self.free]
-            found, scale = np.zeros((2, self.free.size, self.free.size))
+            velocities = [motion.velocities[..., self.free], motion.released]
+            rigid = linear_motion(self._mechanism, np.concatenate(velocities, axis=2))
+            found, scale = np.zeros((2, rigid.shape[1], rigid.shape[1]))
             for block in self.at(theta, matrices, comm):
                 own = rigid[block.dofs]
                 found += own.T @ block.matrix @ own
@@ -314,7 +316,7 @@ class VibrationProblem(ModalProblem):
         self._springs = springs
         super().__init__(springs.kinematics, values, n_modes, comm)
         self._elastic = weighted_sum(self.matrices.stiffness, values)
-        self.n_rigid = self.free.size - springs.n_resisted(self.matrices, comm)
+        self.n_rigid = self.n_unstrained - springs.n_resisted(self.matrices, comm)
 
     def eigenvalues(self, theta: np.ndarray) -> np.ndarray:
         """Return the eigenvalues at one configuration (n_theta,), ascending, shape (n_modes,), (rad/s)^2.
@@ -325,12 +327,13 @@ class VibrationProblem(ModalProblem):
         where = self.kinematics.describe(theta)
         blocks = self._springs.at(theta, self.matrices, self.comm)
         self._put(blocks)
-        rigid = self._move_to(theta)[0][:, self.free]
+        own = self._move_to(theta)[0]
+        rigid = np.hstack([own[:, self.free], self.released_motion(theta, own)])
         pairs = self._pairs(any(is_negative(block) for block in blocks), where)
         vectors = pairs.vectors
         values = self._refined(vectors, rigid, blocks)
-        # no more of them vanish than there are free coordinates
-        scale = np.sort(np.abs(values))[: self.free.size + 1][-1]
+        # no more of them vanish than there are rigid motions
+        scale = np.sort(np.abs(values))[: self.n_unstrained + 1][-1]
         values[np.abs(values) < ROUND_OFF * scale] = 0.0
         order = np.argsort(np.abs(values), kind="stable")
         zero, others = np.split(order, [self.n_rigid])
@@ -363,16 +366,16 @@ class VibrationProblem(ModalProblem):
 
     def _pairs(self, negative: bool, where: str) -> EigenPairs:
         """Return the lowest eigenpairs: rigid motions that no spring resists, and all that is wanted."""
-        n_free = self.free.size
-        wanted = max(1, self.n_modes - (n_free - self.n_rigid))
+        n = self.n_unstrained
+        wanted = max(1, self.n_modes - (n - self.n_rigid))
         if not negative:
-            return self._pencil.solve(n_free, wanted, where)
+            return self._pencil.solve(n, wanted, where)
         usual = shift = self._pencil.shift
         try:
             for _ in range(MOST_SHIFTS):
                 self._pencil.shift_to(shift, PREFIX)
                 if self._pencil.count_below(shift) == 0:
-                    return self._pencil.solve(n_free, wanted, where)
+                    return self._pencil.solve(n, wanted, where)
                 shift *= FURTHER
         finally:
             self._pencil.shift_to(usual, PREFIX)

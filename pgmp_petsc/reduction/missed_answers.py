@@ -126,7 +126,7 @@ def missed_answers_at(
         As of `Manifold.at`.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
-    rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination
+    rigid, shape = modes.unstrained, sample.shape @ combination
     kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept :]
     stiffness = [problem.matrices.stiffness[weight] for weight in problem.mechanism.stiffness_weights]
     n_rigid, n = rigid.shape[1], rigid.shape[1] + shape.shape[1]

@@ -331,6 +331,17 @@ NotNegativeOrParameter = Annotated[
     _either(minimum=0),
     Quantified("not negative"),
 ]
+#: A stiffness: a number that is not negative, inf for what is rigid, or the name of a parameter.
+StiffnessOrParameter = Annotated[
+    float | str,
+    _needed(
+        "a number that is not negative, inf for rigid, or the name of a parameter is needed",
+        lambda value: value == math.inf or _is_number_or_name(value) and (isinstance(value, str) or value >= 0),
+    ),
+    AfterValidator(lambda value: value if value == math.inf else _sensible_numbers(value)),
+    _either(minimum=0),
+    Quantified("not negative"),
+]
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 #: A number that is not negative.

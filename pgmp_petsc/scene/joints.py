@@ -14,7 +14,22 @@ from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validat
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
-from pgmp_petsc.scene.fields import Connection, Interval, Name, Place, Table, Unit, exactly_one, refusal
+from pgmp_petsc.scene.fields import (
+    Connection,
+    Direction,
+    Interval,
+    Name,
+    NotNegativeOrParameter,
+    Place,
+    Sign,
+    StiffnessOrParameter,
+    Table,
+    Unit,
+    exactly_one,
+    quantities_of,
+    refusal,
+)
+from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -28,6 +43,80 @@ PARALLEL = 1e-6  # sine of the angle between two axes that are taken for one
 def are_parallel(first: Sequence[float], second: Sequence[float]) -> bool:
     """Whether two axes (x, y, z) have one direction."""
     return bool(np.linalg.norm(np.cross(first, second)) < PARALLEL * np.linalg.norm(first) * np.linalg.norm(second))
+
+
+#: Rotations that a frame has, and what a scene moves in.
+TURNS = {2: 1, 3: 3}
+WHERE = {2: "in the plane", 3: "in space"}
+#: Stiffness of what is along the axes and about them, with the damping beside it.
+DAMPED_BY = {"stiffness": "damping", "turning_stiffness": "turning_damping"}
+
+
+class Elastic(Table):
+    """A table ``elastic`` of a joint: how stiff it is in the directions that it holds.
+
+    The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the joint
+    holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.releases`).
+    """
+
+    changeable: ClassVar[tuple[str, ...]] = ("stiffness", "damping", "turning_stiffness", "turning_damping")
+    reference: tuple[Direction, ...] = Field(
+        description="first axis, and in space a second one, of the frame in which it is elastic, in the frame of the "
+        "first point's owner; their lengths do not matter"
+    )
+    stiffness: Annotated[tuple[StiffnessOrParameter, ...], Unit("N/m")] = Field(
+        (),
+        description="along each axis, the last completes the frame (N/m): inf stays rigid, 0 is held by nothing, or a "
+        "parameter's name; 0 along an axis that the joint leaves free; without it all that it holds stay rigid",
+    )
+    damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N s/m")] = Field(
+        (), description="along each axis (N s/m), numbers or parameters' names; 0 where it is rigid or free"
+    )
+    turning_stiffness: Annotated[tuple[StiffnessOrParameter, ...], Unit("N m/rad")] = Field(
+        (), description="about each axis, in the plane one number (N m/rad), as stiffness"
+    )
+    turning_damping: Annotated[tuple[NotNegativeOrParameter, ...], Unit("N m s/rad")] = Field(
+        (), description="about each axis (N m s/rad), as damping"
+    )
+
+    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of what may name a parameter."""
+        for key, (sign, unit) in quantities_of(type(self)).items():
+            yield from ((key, value, sign, unit.turning) for value in getattr(self, key) if value != math.inf)
+
+    def problems(self, dimension: int, entry: str) -> Iterator[str]:
+        """Yield a line if its axes make no frame, it has not as many numbers as axes, or damps what stays rigid."""
+        yield from frame_problems(self, dimension, entry)
+        for key, damped in DAMPED_BY.items():
+            stiffness, damping = getattr(self, key), getattr(self, damped)
+            if not stiffness and any(damping):
+                words = f"what it holds stays rigid without {entry}.{key}, and has no damping"
+                yield problem(f"{entry}.{damped}", words, list(damping))
+            elif any(k == math.inf and c for k, c in zip(stiffness, damping)):
+                words = f"what is rigid (inf in {entry}.{key}) has no damping: 0 is needed there"
+                yield problem(f"{entry}.{damped}", words, list(damping))
+
+
+def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
+    """Yield a line if the axes of springs and dampers make no frame, or these are not as many as axes."""
+    n = dimension
+    wanted = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]" if n == 3 else "one axis, [[1.0, 0.0]]"
+    given = [list(axis) for axis in springs.reference]
+    if len(given) != n - 1 or any(len(axis) != n for axis in given):
+        yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
+    elif n == 3 and are_parallel(*given):
+        words = "the axes must not be parallel; the second one is at a right angle"
+        yield problem(f"{entry}.reference", words, given)
+    for key, count in (
+        ("stiffness", n),
+        ("damping", n),
+        ("turning_stiffness", TURNS[n]),
+        ("turning_damping", TURNS[n]),
+    ):
+        numbers = getattr(springs, key)
+        if numbers and len(numbers) != count:
+            what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
+            yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
 
 
 class Ground(Table):
@@ -65,6 +154,7 @@ class JointEntry(Table):
     #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
     also_in_plane: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
+    elastic: Elastic | None = Field(None, description="how it gives way in the directions that it holds")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:

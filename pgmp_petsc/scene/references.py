@@ -439,6 +439,11 @@ def _joints(scene: Scene) -> Iterator[str]:
             yield problem(f"joints.{name}.type", words, joint.type)
         else:
             yield from joint.problems(scene, name)
+            if joint.elastic is not None:
+                yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
+                if name in scene.effects:
+                    words = f"joints.{name} is elastic, and its springs have this name; give the effect another one"
+                    yield problem(f"effects.{name}", words)
 
 
 def _coordinates(scene: Scene) -> Iterator[str]:

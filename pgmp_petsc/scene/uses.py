@@ -89,6 +89,9 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         of = scene.coordinates.get(coordinate)
         unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
+    for name, joint in scene.joints.items():
+        for key, *use in joint.elastic.uses() if joint.elastic is not None else ():
+            yield Use(f"joints.{name}.elastic.{key}", *use)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 

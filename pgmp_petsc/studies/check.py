@@ -56,7 +56,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
     clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
     null = null_space(constraint_jacobian(mechanism, pose, clamped))
-    n_flexible = null.independent.size - (len(coordinates) - len(clamped))
+    released = kinematics.motion([coordinate.lower for coordinate in coordinates]).released.shape[-1]
+    n_flexible = null.independent.size - (len(coordinates) - len(clamped)) - released
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
     flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
     reducible = flexible_bodies and few
@@ -160,7 +161,14 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     if n_rigid != n_redundant:
         redundant += f", {n_rigid} redundant for rigid bodies"
     names = ", ".join(connection.name for connection in mechanism.connections)
-    return [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
+    lines = [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
+    for connection in mechanism.connections:
+        if connection.released:
+            n = counted(len(connection.released), "direction")
+            lines.append(
+                f"  elastic       {connection.name}: {n} of {len(connection.statements)} give way in the motion"
+            )
+    return lines
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:

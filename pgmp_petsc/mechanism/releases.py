@@ -1,0 +1,168 @@
+"""What a joint holds in the motion, and what it releases there.
+
+The statements s of a joint are zero in the configuration: the rigid mechanism closes with them, and they count its
+coordinates. In the motion an elastic joint holds some of these directions, and releases others: their rows are no
+constraints, and springs act on them (`effects.springs`).
+
+Along an axis e_k of its reference frame, fixed in the first body, the statement is ``e_k . (p_b - p_a)``. About it, it
+is a cosine that turning about e_k alone changes at first order, and turning about the axes that the joint leaves free
+never does. With f the axes of the second body that are those of the first as the bodies are placed:
+
+- all turning held: ``e_(k+2) . f_(k+1)``, the sine of a rotation about e_k; in the plane the rotation itself,
+- turning about e_j free: ``e_l . f_j``, l the third axis,
+- turning about two axes free: the joint's own statement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.joints import triad
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle, perpendicular
+from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, Elastic
+from pgmp_petsc.scene.messages import problem
+
+AXES = ("first", "second", "third")
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """A direction that a joint holds in the configuration, and releases in the motion."""
+
+    statement: Statement  # what is measured along or about it
+    key: str  # the entry of its stiffness, ``stiffness`` or ``turning_stiffness``
+    axis: int  # the number of its axis
+    rest: float = 0.0  # the statement in the configuration, rad; along axes and of cosines it is zero
+
+
+def parted(
+    statements: Sequence[Statement],
+    joint: tuple[np.ndarray, np.ndarray],
+    turn: np.ndarray,
+    rest: float,
+    elastic: Elastic,
+    entry: str,
+) -> tuple[tuple[Statement, ...], tuple[Release, ...]]:
+    """Return what an elastic joint holds in the motion, and what it releases.
+
+    Parameters
+    ----------
+    statements
+        What it holds in the configuration.
+    joint
+        The same axes in the frames of a and b, as `scene.joints.JointEntry.statements` takes them, shape (d, d) each.
+    turn
+        What turns vectors of the frame of a into that of b, as placed, shape (d, d).
+    rest
+        How far b is turned against a in the plane, as placed, rad.
+    elastic, entry
+        The table, and its name in the scene.
+
+    Raises
+    ------
+    InputError
+        If it has a stiffness or damping where the joint is free, or its axes are oblique to those of the joint.
+    """
+    in_a = triad(*(np.array(axis, dtype=float) for axis in elastic.reference))
+    in_b, d = turn @ in_a, len(in_a)
+    own = {
+        "stiffness": [part for part in statements if part.is_length],
+        "turning_stiffness": [part for part in statements if not part.is_length],
+    }
+    slopes = {key: _slopes(parts, *joint) for key, parts in own.items()}
+    held, released = [], []
+    for key, parts in own.items():
+        stiffness = getattr(elastic, key)
+        if not stiffness:
+            held += parts
+            continue
+        axes = in_a if d == 3 or key == "stiffness" else np.ones((1, 1))
+        is_held = _held(slopes[key][key == "turning_stiffness"], axes, key, elastic, f"{entry}.{key}")
+        for name in (key, DAMPED_BY[key]):
+            _refuse_free(name, getattr(elastic, name), is_held, entry)
+        if all(np.isinf(k) for k, of in zip(_numbers(stiffness), is_held) if of):
+            held += parts
+            continue
+        measures = _along(in_a) if key == "stiffness" else _about(in_a, in_b, is_held, parts)
+        for axis in np.flatnonzero(is_held):
+            if stiffness[axis] == np.inf:
+                held.append(measures[axis])
+            else:
+                turns = measures[axis].kind == ANGLE
+                released.append(Release(measures[axis], key, int(axis), rest if turns else 0.0))
+    return tuple(held), tuple(released)
+
+
+def sines(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
+    """Return the sines of rotations about the axes of a triad (3, 3) in a, whose directions in b are others (3, 3)."""
+    return [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]
+
+
+def _along(in_a: np.ndarray) -> list[Statement]:
+    return [along(axis) for axis in in_a.T]
+
+
+def _about(in_a: np.ndarray, in_b: np.ndarray, is_held: np.ndarray, own: Sequence[Statement]) -> list[Statement | None]:
+    """Return what measures the rotation about each axis that is held (`parted`)."""
+    free = np.flatnonzero(~is_held)
+    if len(in_a) == 2:
+        return [angle(np.eye(2), np.eye(2))]
+    if not free.size:
+        return sines(in_a, in_b)
+    if free.size == 1:
+        j = int(free[0])
+        return [None if k == j else perpendicular(in_a[:, 3 - j - k], in_b[:, j]) for k in range(3)]
+    return [own[0] if of else None for of in is_held]
+
+
+def _slopes(parts: Sequence[Statement], in_a: np.ndarray, in_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the changes of statements with displacements (n, d) and rotations (n, 1 or 3) of b, in the frame of a, as
+    assembled: where the axes of a joint in both frames are the same."""
+    d = len(in_a)
+    turned = in_a @ in_b.T  # the directors of b in a, one a column
+    frames = (np.concatenate([np.zeros(d), directors.T.ravel()])[:, None] for directors in (np.eye(d), turned))
+    a, b = frames
+    moved, turning = np.zeros((len(parts), d)), np.zeros((len(parts), 1 if d == 2 else 3))
+    for row, part in enumerate(parts):
+        slopes = part.gradient(a, b)[d * (d + 1) :, 0].reshape(d + 1, d)
+        moved[row] = slopes[0]
+        # a rotation w changes the director d_k by w x d_k
+        pulls = turned @ slopes[1:]
+        turning[row] = pulls[0, 1] - pulls[1, 0] if d == 2 else _axial(pulls)
+    return moved, turning
+
+
+def _held(slopes: np.ndarray, axes: np.ndarray, key: str, elastic: Elastic, entry: str) -> np.ndarray:
+    """Return which axes, one a column, are held where statements have such slopes (n, n_axes); the others are free."""
+    part = np.linalg.pinv(slopes) @ slopes @ axes
+    held, free = (np.linalg.norm(of, axis=0) < PARALLEL for of in (axes - part, part))
+    if not np.all(held | free):
+        words = "an axis that is oblique to what the joint leaves free is neither held nor free; take axes along and "
+        words += f"across it in {entry.removesuffix(key)}reference"
+        raise InputError(problem(entry, words, list(getattr(elastic, key))))
+    return held
+
+
+def _refuse_free(name: str, numbers: Sequence[float | str], is_held: np.ndarray, entry: str) -> None:
+    """Refuse what acts along or about an axis that the joint leaves free."""
+    for axis, (number, of) in enumerate(zip(numbers, is_held)):
+        if not of and number != 0.0:
+            turning = name.startswith("turning")
+            which = "turning" if turning and is_held.size == 1 else f"the {AXES[axis]} axis of reference"
+            what = which if which == "turning" else f"turning about {which}" if turning else f"sliding along {which}"
+            words = f"the joint leaves {what} free: 0 is needed there, and springs are effects of their own"
+            raise InputError(problem(f"{entry}.{name}", words, list(numbers)))
+
+
+def _axial(matrix: np.ndarray) -> np.ndarray:
+    """Return ``sum_k d_k x s_k`` of ``sum_k d_k s_k^T``, shape (3,)."""
+    return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
+
+
+def _numbers(values: Sequence[float | str]) -> list[float]:
+    """Return numbers, with 0 for a parameter, which is finite."""
+    return [0.0 if isinstance(value, str) else value for value in values]

@@ -1,0 +1,100 @@
+"""Scenes with elastic joints: a machine frame on mounts, a rotor in bearings."""
+
+import numpy as np
+from mpi4py import MPI
+from runs import read_meshes
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.modes_table import springs_of
+from scenes import HEADER, tables
+
+# a frame of 1 m on two mounts, on its middle a balanced wheel that a torque may turn
+RIGID = HEADER + tables("""
+ground.points: left = [0.0, 0.0]; right = [1.0, 0.0]
+parameters.k: nominal = 4e4
+bodies.frame: rigid = { mass = 10.0, centre = [0.5, 0.0], inertia = 1.5, points = { left = [0, 0], right = [1, 0] } }
+bodies.wheel: rigid = { mass = 2.0, centre = [0, 0], inertia = 0.1, points = { } }; placement = { origin = [0.5, 0.0] }
+joints.hub: type = "revolute"; connect = ["frame:centre", "wheel:centre"]
+joints.one: type = "fixed"; connect = ["ground:left", "frame:left"];
+    elastic = { reference = [[1.0, 0.0]], stiffness = [2e4, "k"], damping = [60.0, 90.0], turning_stiffness = [0.0] }
+joints.two: type = "fixed"; connect = ["ground:right", "frame:right"];
+    elastic = { reference = [[1.0, 0.0]], stiffness = [1e4, "k"], damping = [0.0, 30.0], turning_stiffness = [0.0] }
+coordinates.theta: joint = "hub"; range = [-3.0, 3.0]
+effects.weight: type = "gravity"
+simulation: duration = 0.5; step = 2e-3
+outputs.y: type = "displacement"; point = "frame:centre"; axis = "y"
+outputs.x: type = "displacement"; point = "frame:centre"; axis = "x"
+outputs.left: type = "displacement"; point = "frame:left"; axis = "y"
+""")
+
+# the same with a flexible frame and a flexible crank
+MACHINE = HEADER + tables("""
+ground.points: left = [0.0, 0.0]; right = [1.0, 0.0]
+parameters.k: nominal = 2e6; distribution = { name = "uniform", loc = 1.5e6, scale = 1e6 }
+parameters.c: nominal = 200.0
+bodies.frame: line = { length = 1.0, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.05, height = 0.1 }
+bodies.crank: line = { length = 0.3, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.02, height = 0.02 }; placement = { origin = [0.5, 0.0] }
+joints.hub: type = "revolute"; connect = ["frame:middle", "crank:hinge"]
+joints.one: type = "fixed"; connect = ["ground:left", "frame:hinge"];
+    elastic = { reference = [[1.0, 0.0]], stiffness = [1e6, "k"], damping = ["c", "c"], turning_stiffness = [0.0] }
+joints.two: type = "fixed"; connect = ["ground:right", "frame:tip"];
+    elastic = { reference = [[1.0, 0.0]], stiffness = [1e6, "k"], damping = ["c", "c"], turning_stiffness = [0.0] }
+coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
+effects.motor: type = "torque"; joint = "hub"; table = [[0.0, 0.0], [0.1, 5.0], [1.0, 5.0]]
+reduction: modes = 4; angles = 24
+simulation: duration = 0.2; step = 2.5e-4
+outputs.lift: type = "displacement"; point = "frame:tip"; axis = "y"
+outputs.bent: type = "deformation"; point = "crank:tip"; axis = "y"; frame = "body"
+outputs.theta: type = "angle"; joint = "hub"
+""")
+
+SHAFT, N_ELEMENTS, SIDE = 0.8, 8, 0.02
+DISCS = {"2": 3.0, "5": 2.0}  # kg, by the node that they are on
+BEARINGS = (3e6, 2e6), (5e6, 4e6)  # N/m along y and z, at both ends
+ROTOR = HEADER + tables(f"""
+ground.points: left = [0.0, 0.0, 0.0]; right = [{SHAFT}, 0.0, 0.0]
+bodies.shaft: line = {{ length = {SHAFT}, elements = {N_ELEMENTS} }}; element = "beam3d"; material = "steel";
+    orientation = [0.0, 1.0, 0.0]; section = {{ shape = "rectangle", width = {SIDE}, height = {SIDE} }}
+joints.left: type = "revolute"; connect = ["ground:left", "shaft:hinge"]; axis = [1.0, 0.0, 0.0]
+joints.left.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    stiffness = [inf, {BEARINGS[0][0]}, {BEARINGS[0][1]}]; turning_stiffness = [0.0, 0.0, 0.0]
+joints.right: type = "cylindrical"; connect = ["ground:right", "shaft:tip"]; axis = [1.0, 0.0, 0.0]
+joints.right.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    stiffness = [0.0, {BEARINGS[1][0]}, {BEARINGS[1][1]}]; turning_stiffness = [0.0, 0.0, 0.0]
+coordinates.spin: joint = "left"; range = [-0.2, 0.2]
+effects.one: type = "point_mass"; point = "shaft:2"; mass = {DISCS["2"]}
+effects.other: type = "point_mass"; point = "shaft:5"; mass = {DISCS["5"]}
+reduction: modes = 6; angles = 4
+""")
+
+
+def rigid_frame(*overrides: str) -> Scene:
+    """Return a rigid frame on two mounts with a wheel on it, which falls onto them at the start."""
+    return scene_from_toml(RIGID, ".", overrides)
+
+
+def machine(*overrides: str) -> Scene:
+    """Return a flexible frame on two mounts with a driven crank on it."""
+    return scene_from_toml(MACHINE, ".", overrides)
+
+
+def rotor(*overrides: str) -> Scene:
+    """Return a shaft with two discs in two elastic bearings."""
+    return scene_from_toml(ROTOR, ".", overrides)
+
+
+def vibrations(scene: Scene, theta: float = 0.0) -> np.ndarray:
+    """Return the frequencies of a scene on its springs at one configuration, Hz."""
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    springs, _ = springs_of(scene, kinematics)
+    if springs is None:
+        with ModalProblem(kinematics, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
+            return problem.solve(theta).frequencies_hz
+    with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
+        return frequencies_of(problem.eigenvalues(np.array([theta])))

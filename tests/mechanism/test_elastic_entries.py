@@ -1,0 +1,86 @@
+"""What is refused of elastic joints, with the entry's name."""
+
+import pytest
+from elastic_scenes import machine, rigid_frame, rotor
+from refusals import cases, check_said
+from runs import PGMP, overridden, read_meshes
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+
+IN_THE_PLANE = cases("""
+joints.one.elastic.stiffness=[-1.0, 1.0] -> joints.one.elastic.stiffness[0] = -1.0: a number that is not negative, inf
+joints.one.elastic.stiffness=[nan, 1.0] -> joints.one.elastic.stiffness[0] = nan: a number that is not negative, inf
+joints.one.elastic.stiffness=["nothing", 1.0] -> joints.one.elastic.stiffness = "nothing"
+joints.one.elastic.stiffness=[1.0] -> = [1.0]: 2 numbers, one for each axis, are needed in the plane
+joints.one.elastic.damping=[1.0, -1.0] -> joints.one.elastic.damping[1] = -1.0: a number that is not negative
+joints.one.elastic.damping=[1.0, 1.0, 1.0] -> = [1.0, 1.0, 1.0]: 2 numbers, one for each axis
+joints.one.elastic.stiffness=[1.0, inf] -> joints.one.elastic.damping = [60.0, 90.0]: what is rigid (inf in | has no
+joints.one.elastic.stiffness=[] -> joints.one.elastic.damping = [60.0, 90.0]: what it holds stays rigid without
+joints.one.elastic.turning_stiffness=[1.0, 2.0] -> = [1.0, 2.0]: one number is needed in the plane
+joints.one.elastic.reference=[[1.0, 0.0], [0.0, 1.0]] -> = [[1.0, 0.0], [0.0, 1.0]]: one axis, [[1.0, 0.0]] for
+    example, is needed in the plane
+joints.one.elastic.reference=[[0.0, 0.0]] -> joints.one.elastic.reference[0] = [0.0, 0.0]: a direction other than
+joints.one.elastic.stifness=[1.0, 1.0] -> joints.one.elastic.stifness = [1.0, 1.0]: unknown key; did you mean
+    'stiffness'
+joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[2.0]} -> joints.hub.elastic.turning_stiffness = [2.0]: the
+    joint leaves turning free: 0 is needed there
+joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[inf]} -> joints.hub.elastic.turning_stiffness = [inf]: the
+    joint leaves turning free
+joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=["k"]} -> parameters.k: joints.hub.elastic.turning_stiffness
+joints.hub.elastic={reference=[[1.0,0.0]],turning_stiffness=[0.0],turning_damping=[1.0]} ->
+    joints.hub.elastic.turning_damping = [1.0]: the joint leaves turning free
+effects.one={type="gravity"} -> effects.one: joints.one is elastic, and its springs have this name
+""")
+IN_SPACE = cases("""
+joints.left.elastic.reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]: the axes
+    must not be parallel
+joints.left.elastic.reference=[[1.0, 0.0, 0.0]] -> = [[1.0, 0.0, 0.0]]: two axes of three numbers
+joints.left.elastic.stiffness=[1.0, 1.0] -> = [1.0, 1.0]: 3 numbers, one for each axis, are needed in space
+joints.left.elastic.turning_stiffness=[0.0, 1.0] -> = [0.0, 1.0]: 3 numbers, one for each axis
+joints.left.elastic.turning_stiffness=[5.0, 0.0, 0.0] -> = [5.0, 0.0, 0.0]: the joint leaves turning about the first
+    axis of reference free: 0 is needed there
+joints.right.elastic.stiffness=[5.0, 1.0, 1.0] -> = [5.0, 1.0, 1.0]: the joint leaves sliding along the first axis
+joints.right.elastic.stiffness=[inf, 1.0, 1.0] -> = [inf, 1.0, 1.0]: the joint leaves sliding along the first axis
+joints.right.elastic.reference=[[1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] -> joints.right.elastic.stiffness = | an axis that is
+    oblique to what the joint leaves free is neither held nor free | joints.right.elastic.reference
+""")
+
+
+@pytest.mark.parametrize(("asked", "said"), IN_THE_PLANE)
+def test_refused_in_the_plane(asked, said):
+    with pytest.raises(InputError) as error:
+        scene = rigid_frame(asked)
+        Mechanism.from_scene(scene, read_meshes(scene))
+    check_said(str(error.value), said, asked)
+
+
+@pytest.mark.parametrize(("asked", "said"), IN_SPACE)
+def test_refused_in_space(asked, said):
+    with pytest.raises(InputError) as error:
+        scene = rotor(asked)
+        Mechanism.from_scene(scene, read_meshes(scene))
+    check_said(str(error.value), said, asked)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("asked", [IN_SPACE[4][0], IN_SPACE[0][0]])
+def test_refused_on_any_number_of_ranks(mpirun, tmp_path, n, asked):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(scene_to_toml(rotor()))
+    run = mpirun(n, *PGMP, "modes", scene, *overridden(asked), "-o", tmp_path / "m.h5", check_status=2)
+    assert run.stderr.count("joints.left.elastic") == 1 and "Traceback" not in run.stderr
+
+
+def test_infinity_is_written_and_read():
+    text = scene_to_toml(rotor())
+    assert "inf" in text and scene_from_toml(text, ".") == rotor()
+
+
+def test_reduced_models_name_what_they_have_not():
+    with pytest.raises(InputError, match=r"joints\.one\.elastic: no part of reduced models; take pgmp simulate"):
+        check_capabilities(machine(), Purpose.BUILD)
+    with pytest.raises(InputError, match=r"reduction\.preload = true with joints\.one\.elastic: the work of loads"):
+        check_capabilities(machine("reduction.preload=true"), Purpose.MODES)
