@@ -53,7 +53,10 @@ class EffectSizes(Record):
     units: dict[str, str] = attribute(
         "effects/shares@units", code=JSON, absent={}, about="unit of each coordinate, rad where it is not said (JSON)"
     )
-    joule: str = attribute("effects/shares@joule", absent="J", about="unit of the energy moved around")
+    joule: str = attribute(
+        "effects/shares@joule", absent="J", when=lambda own: own.joule != "J",
+        about="unit of the energy moved around, J where it is not said",
+    )  # fmt: skip
 
     def lines(self) -> list[str]:
         """Return the report, line by line."""

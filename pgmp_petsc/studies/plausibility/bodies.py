@@ -114,7 +114,7 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
 def plain(value: float) -> str:
     """Return a limit as people write it: ``25,000`` and ``210e9``, ``2.5e-08``."""
     if 1.0 <= value < 1e6:
-        return f"{value:,.0f}"
+        return f"{value:,.0f}" if value >= 1e4 else f"{value:.0f}"
     return f"{value / 1e9:.0f}e9" if 1e9 <= value < 1e12 else f"{value:g}"
 
 
