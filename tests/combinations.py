@@ -104,6 +104,7 @@ FEATURES = {
     ),  # fmt: skip
     "bushing": ('effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
         "damping={along}}}",),
+    "elastic joint": ("joints.{drive}.elastic={{reference={axes},stiffness={stiff},damping={along}}}",),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
     "prescribed motion": ('effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',),
@@ -192,6 +193,7 @@ def scene_of(kind: str, feature: str) -> Scene:
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
         "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
+        "stiff": "[1e6,2e6,3e6]" if space else "[1e6,2e6]",
         "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
         "quantity": "von_mises" if bare.bodies[bodies[-1]].continuum else "axial_force",

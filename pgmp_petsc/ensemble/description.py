@@ -330,7 +330,7 @@ def _estimate_remarks(
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
     known."""
-    scene, remarks = origin.scene, [*origin.not_estimated]
+    scene, remarks = origin.scene, [*origin.said]
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
     if origin.model == "reduced":
@@ -362,7 +362,7 @@ class Origin:
     model: str  # ``full``, ``components`` or ``reduced``
     scene: Scene  # the scene of the run
     units: dict[str, str]  # of the outputs, by name
-    not_estimated: tuple[Remark, ...]  # what is to be said of errors that are not estimated
+    said: tuple[Remark, ...]  # of loops that do not quite close, and of errors that are not estimated
     checked_share: float  # of the samples whose errors are estimated
 
     @classmethod
@@ -379,4 +379,4 @@ class Origin:
             absent = (*absence_of_estimates(scene, ensemble=True, of_step=True), *why_not_of_full_order(model))
             if share > 0.0:
                 absent += too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
-        return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
+        return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)

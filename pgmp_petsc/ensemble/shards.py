@@ -38,7 +38,7 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
         RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
         place,
         origin.units,
-        origin.not_estimated,
+        origin.said,
         () if file is None else file.remarks,
         origin.checked_share,
         checkpoint.remarks,

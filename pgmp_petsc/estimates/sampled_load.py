@@ -201,7 +201,10 @@ def _quasi_static(model: ReducedModel, system: ReducedSystem, state: State) -> n
     stiffness, inertia = (matrix[0] for matrix in system.stiffness_and_inertia(0.0, state))
     free = [k for k in range(r) if k not in model.motions]
     moved = np.linalg.solve(inertia[np.ix_(free, free)], inertia[free, r:])
-    return np.linalg.solve(stiffness[r:, r:], (inertia[r:, r:] - inertia[r:, free] @ moved) @ state.a[0, r:])
+    # springs may be zero, of what elastic joints release
+    return np.linalg.lstsq(
+        stiffness[r:, r:], (inertia[r:, r:] - inertia[r:, free] @ moved) @ state.a[0, r:], rcond=None
+    )[0]
 
 
 def _strain_energy(system: ReducedSystem, state: State, deformation: np.ndarray) -> float:

@@ -77,6 +77,9 @@ class FullSystem(SecondOrderSystem):
         What changes with time.
     settled
         Static equilibrium of every sample to start from; the undeformed mechanism if there is none.
+    built_in
+        Unknowns and velocities to start from in its place, each (n_dofs, 1 or n_samples), where joints that are off
+        deform the mechanism.
 
     Attributes
     ----------
@@ -88,9 +91,15 @@ class FullSystem(SecondOrderSystem):
     instants_at_once = 1
 
     def __init__(
-        self, equations: FullEquations, comm: MPI.Comm, n_samples: int, sources: Sources, settled: Settled | None
+        self,
+        equations: FullEquations,
+        comm: MPI.Comm,
+        n_samples: int,
+        sources: Sources,
+        settled: Settled | None,
+        built_in: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
-        self.comm, self.n_samples, self.settled = comm, n_samples, settled
+        self.comm, self.n_samples, self.settled, self.built_in = comm, n_samples, settled, built_in
         self._equations, self._sources, self._reference = equations, sources, Reference(equations.problem)
         self.n_dofs, self.n_constraints = equations.n_dofs, equations.constraints.n_constraints
         self.moving_constraints = equations.moving_constraints
@@ -121,7 +130,7 @@ class FullSystem(SecondOrderSystem):
         """The start: two runs of a system begin with it, the second for the error of the first one's step."""
         theta, rates = self._equations.initial
         if self.settled is None:
-            return self.consistent(*self._equations.place(theta, rates), theta)
+            return self.consistent(*(self.built_in or self._equations.place(theta, rates)), theta)
         q = self.settled.unknowns
         state = self.consistent(q, np.zeros_like(q), self.settled.theta.T)
         return self.settled.at_rest(state, len(self._sources.motions))
@@ -218,7 +227,7 @@ class FullBatch(FullSystem):
         Number of samples.
     motions
         Prescribed motions by the number of their coordinate.
-    settled
+    settled, built_in
         See `FullSystem`.
     """
 
@@ -233,10 +242,12 @@ class FullBatch(FullSystem):
         n_samples: int,
         motions: Mapping[int, Motion] = MappingProxyType({}),
         settled: Settled | None = None,
+        built_in: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = FullEquations(kinematics, effects, values, blocks, initial)
-        super().__init__(equations, alone(), n_samples, equations.sources(effects, tuple(motions.values())), settled)
+        sources = equations.sources(effects, tuple(motions.values()))
+        super().__init__(equations, alone(), n_samples, sources, settled, built_in)
         self.n_events = len(equations.edges)
         most = BEFORE_EDGES if equations.edges else STEPS_AT_ONCE
         self.steps_at_once = max(1, min(most, LARGEST // (self.n_dofs * n_samples)))
@@ -393,7 +404,7 @@ class FullDistributed(FullSystem):
         Ranks that share the model.
     motions
         Prescribed motions by the number of their coordinate.
-    settled
+    settled, built_in
         See `FullSystem`.
     """
 
@@ -403,9 +414,10 @@ class FullDistributed(FullSystem):
         comm: MPI.Comm,
         motions: Mapping[int, Motion | Held] = MappingProxyType({}),
         settled: Settled | None = None,
+        built_in: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
         sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
-        super().__init__(equations, comm, 1, sources, settled)
+        super().__init__(equations, comm, 1, sources, settled, built_in)
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
@@ -611,12 +623,14 @@ class FullStatics:
         Number of its coordinates.
     comm
         Ranks that share the model.
+    loads
+        What part of the loads and local effects acts: all, or none to see what joints that are off do alone.
     """
 
     n_samples = 1
 
-    def __init__(self, equations: FullEquations, n_theta: int, comm: MPI.Comm) -> None:
-        self._equations = equations
+    def __init__(self, equations: FullEquations, n_theta: int, comm: MPI.Comm, loads: float = 1.0) -> None:
+        self._equations, self._loads = equations, loads
         self._held = {k: Held(0.0) for k in range(n_theta)}
         self._system = FullDistributed(equations, comm, self._held)
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
@@ -641,7 +655,7 @@ class FullStatics:
             self._system.restore(state, self._system.at_rest(place, theta[0]), going)
 
         def converge(going: np.ndarray, share: float) -> np.ndarray:
-            return iterate_at_rest(lambda _: self._corrected(state, share), going)
+            return iterate_at_rest(lambda _: self._corrected(state, share * self._loads), going)
 
         lost, (self._share,) = put_on(begin, converge, samples)
         if not lost[0]:

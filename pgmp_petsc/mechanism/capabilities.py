@@ -92,6 +92,10 @@ def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.elastic" for name, joint in scene.joints.items() if joint.elastic is not None)
 
 
+def _off(scene: Scene) -> Iterator[str]:
+    return (f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset is not None)
+
+
 def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
@@ -140,11 +144,46 @@ FEATURES = (
         cure='take "static", or pgmp simulate --full',
     ),
     Feature(
-        "elastic joints in reduced models",
+        "sizes of effects with elastic joints",
         _elastic,
-        OF_THE_REDUCTION - {Purpose.CHECK},
-        why_not="no part of reduced models",
-        cure="take pgmp simulate SCENE --full or --components, or an effect of type bushing",
+        frozenset({Purpose.SIZES}),
+        why_not="sizes of effects are those on rigid joints",
+        cure="take pgmp check without --effects",
+    ),
+    Feature(
+        "choice of effects with elastic joints",
+        lambda scene: (f"{one} with {entry}" for one in _automatic(scene) for entry in _elastic(scene)),
+        OF_THE_REDUCTION,
+        why_not="effects are chosen for rigid joints",
+        cure="name them in [effects]",
+    ),
+    Feature(
+        "terms of second order with elastic joints",
+        lambda scene: (f"{entry} with terms of second order" for entry in _elastic(scene) if scene.second_order),
+        OF_THE_REDUCTION,
+        why_not="those of what joints release are not known",
+        cure="leave these terms out, or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "lengths and places with elastic joints",
+        lambda scene: (f"{one} with {entry}" for one in _lengths(scene) for entry in _elastic(scene)),
+        OF_THE_REDUCTION,
+        why_not="models at several lengths do not part what joints release from what bends",
+        cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    ),
+    Feature(
+        "joints that are off in what goes over configurations",
+        _off,
+        EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS},
+        why_not="no part of reduced models and of modes over configurations",
+        cure="take pgmp simulate SCENE --full or --components",
+    ),
+    Feature(
+        "joints that are off beside elastic ones",
+        lambda scene: (entry for entry in _off(scene) if any(_elastic(scene))),
+        EVERYWHERE,
+        why_not="the stress that it builds in is found without springs, which elastic joints need",
+        cure="leave it out, or take effects of type bushing in place of joints with elastic",
     ),
     Feature(
         "preload with elastic joints",

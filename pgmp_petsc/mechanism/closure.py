@@ -8,6 +8,14 @@ by Newton's method. With J the Jacobian of both, implicit differentiation gives 
 ``J d2P/dtheta_k dtheta_l = -(d2c/dP2)[dP_k, dP_l]``.
 
 Redundant constraints (the same statement twice) are allowed: J then has more rows than columns and full column rank.
+Where they do not agree to the last digit, as axes that are a little off, the loops are closed in least squares: bodies
+stay rigid, and what is left over of c, the gap, lies in the left null space of J. With the tangent T of rigid motion,
+``c_o(P) = 0`` the statements that make poses rigid and r the residual of all others, a step of the Gauss-Newton method
+is
+
+    x = x_o - T y,    J_o x_o = -c_o  (the least such x_o),    |W (r + J (x_o - T y))| -> min,
+
+lengths in W in units of the mechanism's size. It has converged where ``W J T y`` is small, whatever is left of r.
 
 What elastic joints allow beside the motion of the coordinates: `ReleasedClosure`.
 """
@@ -27,6 +35,10 @@ RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
 RELEASED_TOLERANCE = 1e-8  # of a released direction's own change, what of it is independent of the others
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
+CROOKED = 0.02  # singular values of constraints over the largest, above SINGULAR_TOLERANCE: a degree off
+NEAREST = 1e-3  # share of a gap that can still be closed, where it is known to be as small as it can be
+SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
+LARGEST_GAP = 1e-6  # of the mechanism's size or of 1 rad: what redundant constraints may miss each other by
 GUESSED = " (the first guess of how it is assembled; angles in rad)"
 TRIES = 12  # assemblies that are tried from other places before it is said that there is none
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
@@ -48,6 +60,8 @@ class LoopClosure:
         Number of independent rigid coordinates n_theta.
     scales
         What small changes of the coordinates are measured against, 1 rad or the size, shape (n_theta,).
+    has_redundant
+        Whether joints and coordinates say more than poses can obey, so that a gap may be left.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -67,6 +81,9 @@ class LoopClosure:
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
+        # those that make poses rigid are no joints
+        n_tied, n_bodies = mechanism.space.n_tied * len(mechanism.bodies), len(mechanism.bodies)
+        self.has_redundant = self._rows.n - n_tied > mechanism.space.n_dofs * n_bodies
 
     def pose_dofs(self, body: int) -> np.ndarray:
         """Return the unknowns of a body's pose, shape (n_pose,)."""
@@ -107,7 +124,7 @@ class LoopClosure:
         unit = np.zeros((len(jacobian), jacobian.shape[1], self.n_coordinates))
         unit[:, -self.n_coordinates :] = np.eye(self.n_coordinates)
         shape = len(self.mechanism.bodies), self.n_pose, self.n_coordinates, len(jacobian)
-        return np.moveaxis(_solved(jacobian, unit), 0, -1).reshape(shape)
+        return np.moveaxis(self._least(poses, jacobian, unit), 0, -1).reshape(shape)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
@@ -115,14 +132,25 @@ class LoopClosure:
         moving = rates.reshape(len(unknowns), n_theta, n)[self._rows.dofs]
         moving[self._rows.dofs < 0] = 0.0
         right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
-        result = -_solved(self.jacobian(poses), right.reshape(n, self._rows.n, -1))
+        result = -self._least(poses, self.jacobian(poses), right.reshape(n, self._rows.n, -1))
         return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
 
-    def gap(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Return the largest scaled residual (n,) at theta (n, n_theta)."""
-        return self._scaled_gap(self.residual(poses, theta))
+    def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far loops at theta (n, n_theta) can still be closed, and the gap that stays, both scaled, (n,).
 
-    def _scaled_gap(self, residual: np.ndarray) -> np.ndarray:
+        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain.
+        """
+        residual = self.residual(poses, theta)
+        return self._split(residual, self.newton_step(poses, residual)[1])
+
+    def _split(self, residual: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return `open_and_gap` of a residual (n_rows, n), of which a step leaves a part."""
+        whole, stays = self._largest(residual), self._largest(left)
+        explained = self.has_redundant & (stays < LARGEST_GAP)
+        return np.where(explained, self._largest(residual - left), whole), np.where(explained, stays, 0.0)
+
+    def _largest(self, residual: np.ndarray) -> np.ndarray:
+        """Return the largest scaled part (n,) of residuals (n_rows, n)."""
         return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
     def close(
@@ -145,8 +173,18 @@ class LoopClosure:
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
         start, where = poses[..., [worst]], theta[[worst]]
         found = self._nearest(start, where)
-        gaps, blame = self._gaps(self.residual(found, where)[:, 0])
+        residual = self.residual(found, where)[:, 0]
+        gaps, blame = self._gaps(residual)
+        if self._contradicts(found, where):
+            raise InputError(
+                f"joints.{blame}: the joints of rigid bodies contradict one another at {self.describe(theta[worst])}; "
+                f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
+                f"{LARGEST_GAP * self.size:.3g} {unit_system(self.mechanism.scene).unit('m')}, or as many rad. Check points "
+                f"and axes, and placements{GUESSED}, from which bodies take the axes of joints; or let joints that say the same be ones that hold less"
+            )
         closed = self._closed_from(start, found, where, TRIES if placed else 0)
+        if closed is None and self._largest(residual[:, None])[0] < NO_GAP:
+            closed = found  # as near as the search of the nearest poses comes
         if closed is not None:
             raise InputError(
                 f"joints.{blame}: the mechanism can close at {self.describe(theta[worst])}, but "
@@ -162,6 +200,39 @@ class LoopClosure:
             f"joints.{blame}: the mechanism cannot close at {self.describe(theta[worst])}; {gaps}. Check the bodies' "
             f"lengths and placements{GUESSED if placed else ''}, or narrow {self._ranges}"
         )
+
+    def _contradicts(self, poses: np.ndarray, theta: np.ndarray) -> bool:
+        """Return whether loops at poses (n_bodies, n_pose, 1) are as closed as redundant constraints let them be.
+
+        Loops that do not reach are as near as they can come too, in a configuration in which J is singular.
+        """
+        residual, jacobian = self.residual(poses, theta), self.jacobian(poses)
+        left = self.newton_step(poses, residual)[1]
+        values = np.linalg.svd(self.scaled(jacobian)[0], compute_uv=False)
+        nearest = self._largest(residual - left)[0] < NEAREST * self._largest(left)[0]
+        return self.has_redundant and nearest and values[-1] > SINGULAR_TOLERANCE * values[0]
+
+    def missed(self, poses: np.ndarray, theta: np.ndarray) -> str:
+        """Say which joint redundant constraints keep furthest from closed at poses (n_bodies, n_pose, n), how far, and
+        at which of theta (n, n_theta); empty where loops close."""
+        residual = self.residual(poses, theta)
+        gap = self._largest(residual)
+        worst = int(np.argmax(gap))
+        if gap[worst] < CLOSURE_TOLERANCE:
+            return ""
+        gaps, blame = self._gaps(residual[:, worst])
+        return f"joints.{blame}: {gaps} at {self.describe(theta[worst])}"
+
+    def crooked(self, poses: np.ndarray, rank: int) -> str:
+        """Name the joint that gives the constraints at poses (n_bodies, n_pose, 1) more than a rank, by little; empty
+        where they have no more, or by much."""
+        rows, rank = slice(self.n_constraints), rank + self.mechanism.space.n_tied * len(self.mechanism.bodies)
+        left, values, _ = np.linalg.svd(self.scaled(self.jacobian(poses)[:, rows])[0])
+        share = values[rank] / values[0] if values.size > rank else 0.0
+        if not SINGULAR_TOLERANCE < share < CROOKED:
+            return ""
+        most = max(self.mechanism.connections, key=lambda c: np.max(np.abs(left[c.rows, rank])))
+        return f"joints.{most.name}: what it holds (by {share:.2g} of what others hold)"
 
     @property
     def _ranges(self) -> str:
@@ -223,31 +294,58 @@ class LoopClosure:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
         return self.newton(poses, None)[0]
 
-    def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Return what to take off the poses; of the closure alone, if the residual has no driving rows."""
+    def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what to take off the poses, and what it then leaves of the residual (n_rows, n) at first order; of the
+        closure alone, if the residual has no driving rows."""
         jacobian = self.jacobian(poses)[:, : len(residual)]
-        return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
+        step = self._least(poses, jacobian, residual.T[..., None])
+        left = residual - (jacobian @ step)[..., 0].T
+        return np.moveaxis(step[..., 0], 0, -1).reshape(poses.shape), left
 
     def newton(
         self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float = CLOSURE_TOLERANCE
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses as from `close` and the largest scaled residual (n,) of each, below the tolerance where it
-        converged; undriven where no theta is given."""
+        """Return poses as from `close` and how far each is open (n,), below the tolerance where it converged; undriven
+        where no theta is given."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
+        closed = np.zeros(poses.shape[2], dtype=bool)
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
-            gap = self._scaled_gap(residual)
+            gap = np.where(closed, 0.0, self._largest(residual))
             # each theta stops by itself, so that the others in the call have no part in its last digits
-            open_ones = (gap >= tolerance) & np.isfinite(gap)
-            if not open_ones.any():
+            open_ones = np.flatnonzero((gap >= tolerance) & np.isfinite(gap))
+            if not open_ones.size:
                 break
             moving = poses[..., open_ones]
-            step = self.newton_step(moving, residual[:, open_ones])
+            step, left = self.newton_step(moving, residual[:, open_ones])
+            gap[open_ones] = self._split(residual[:, open_ones], left)[0]
+            closed[open_ones] = gap[open_ones] < tolerance
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         return poses, gap
+
+    def _least(self, poses: np.ndarray, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Return the x (n, n_pose n_bodies, k) that keeps bodies rigid and comes nearest to ``J x = right``, for J at
+        poses (n_bodies, n_pose, n) and right-hand sides (n, n_rows, k)."""
+        space, n_rows = self.mechanism.space, jacobian.shape[1]
+        tied = slice(self.mechanism.n_constraints, self.n_constraints)
+        others = np.r_[: tied.start, tied.stop : n_rows]
+        weights = 1.0 / self._scale[others, None]
+        if not space.n_tied:
+            return _solved(weights * jacobian, weights * right)
+        n, n_bodies = len(jacobian), len(poses)
+        own = jacobian[:, tied].reshape(n, n_bodies, space.n_tied, n_bodies, self.n_pose)
+        own = own[:, np.arange(n_bodies), :, np.arange(n_bodies)].swapaxes(0, 1)  # statements of a body about itself
+        wanted = right[:, tied].reshape(n, n_bodies, space.n_tied, -1)
+        x = own.swapaxes(2, 3) @ np.linalg.solve(own @ own.swapaxes(2, 3), wanted)
+        x = x.reshape(n, -1, right.shape[2])
+        tangent = space.tangent(poses)
+        rest = jacobian[:, others].reshape(n, others.size, n_bodies, self.n_pose).swapaxes(1, 2)
+        moved = (rest @ tangent).swapaxes(1, 2).reshape(n, others.size, -1)
+        y = _solved(weights * moved, weights * (right[:, others] - jacobian[:, others] @ x))
+        return x + (tangent @ y.reshape(n, n_bodies, space.n_dofs, -1)).reshape(x.shape)
 
 
 def jacobian_of(rows: StatementRows, poses: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pgmp_petsc.mechanism.releases import parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
+from pgmp_petsc.scene.joints import Offset
 from pgmp_petsc.scene.schema import Scene
 
 GROUND = "ground"
@@ -83,9 +85,33 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
             held, released = parted(statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic")
-        connections.append(Connection(name, statements, *sides, rows, turning, held, released))
+        moved, offset = sides[0], scene.joints[name].offset if name in scene.joints else None
+        if offset is not None:
+            place, turned = _off(scene, offset)
+            moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
+            held = tuple(holds(turned @ in_a, in_b))
+        connections.append(Connection(name, statements, *sides, rows, turning, held, released, moved))
         row = rows.stop
     return tuple(connections)
+
+
+def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much an offset moves a point (d,), m, and what turns its axes, shape (d, d)."""
+    place = np.array([scene.number(x) for x in offset.place or (0.0,) * scene.dimension])
+    turn = [scene.number(x) for x in offset.turn]
+    if not any(turn):
+        return place, np.eye(scene.dimension)
+    return place, _rotation(np.array(turn))
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of an angle (1,) in the plane, (2, 2), or of axis times angle (3,), (3, 3), rad."""
+    if turn.size == 1:
+        cos, sin = np.cos(turn[0]), np.sin(turn[0])
+        return np.array([[cos, -sin], [sin, cos]])
+    from scipy.spatial.transform import Rotation  # takes a tenth of a second, and the plane has no use for it
+
+    return Rotation.from_rotvec(turn).as_matrix()
 
 
 def _held(
@@ -141,9 +167,7 @@ def _placed(placement: Placement, dimension: int) -> np.ndarray:
     origin = placement.origin_in(dimension)
     if dimension == 2:
         return np.array([*origin, placement.angle])
-    from scipy.spatial.transform import Rotation  # takes a tenth of a second, and the plane has no use for it
-
-    turn = Rotation.from_rotvec(placement.rotation or (0.0, 0.0, 0.0)).as_matrix()
+    turn = _rotation(np.array(placement.rotation or (0.0, 0.0, 0.0)))
     return np.concatenate([origin, turn.T.ravel()])
 
 

@@ -35,11 +35,12 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, LoopClosure
+from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, SINGULAR_TOLERANCE, LoopClosure
 
 MOST_HALVINGS = 3
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle
 SHARE = 0.5  # of the closure's tolerance that is left between them
+SHARE_OF_GAP = 1e-2  # that poses between them may be open by, where redundant constraints leave a gap
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,11 @@ class PoseBranch:
             found = cls._tabulated(closure, (theta,), poses, winding, n_redundant)
         return replace(found, is_exact=closes)
 
+    @property
+    def everywhere(self) -> tuple[np.ndarray, np.ndarray]:
+        """Configurations of the table (n, n_theta) and the poses there (n_bodies, n_pose, n)."""
+        return _grid(self.axes), np.moveaxis(self.poses, 0, -1)
+
     @classmethod
     def _tabulated(
         cls,
@@ -88,9 +94,9 @@ class PoseBranch:
         n_redundant: int,
     ) -> PoseBranch:
         """Tabulate poses (n_bodies, n_pose, n)."""
-        theta = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+        theta = _grid(axes)
         # one step more, to the last digit: all later poses are interpolated between these
-        poses = poses - closure.newton_step(poses, closure.residual(poses, theta))
+        poses = poses - closure.newton_step(poses, closure.residual(poses, theta))[0]
         rates = closure.rates(poses)
         curvatures = closure.curvatures(poses, rates)
         parts = (np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in (poses, rates, curvatures))
@@ -100,7 +106,9 @@ class PoseBranch:
         """Return whether the polynomials close the loops everywhere."""
         cells = np.diff(self.axes[0])
         theta = np.concatenate([self.axes[0][:-1] + share * cells for share in PROBES])[:, None]
-        return bool(np.max(closure.gap(self.guess(theta), theta)) < SHARE * CLOSURE_TOLERANCE)
+        apart, gap = closure.open_and_gap(self.guess(theta), theta)
+        # with a gap no poses close the loops, and those that come nearest are known to a part of it
+        return bool(np.max(apart) < SHARE * (CLOSURE_TOLERANCE + SHARE_OF_GAP * np.max(gap)))
 
     def covers(self, theta: np.ndarray) -> bool:
         """Return whether theta (n, n_theta) are all within the range."""
@@ -137,6 +145,11 @@ class PoseBranch:
         return (self.poses[rows] + first + 0.5 * second).reshape(len(theta), -1)
 
 
+def _grid(axes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the configurations (n, n_theta) of a tensor grid, the last coordinate fastest."""
+    return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+
 @njit(cache=True, error_model="numpy")
 def _hermite(theta, first, step, continued, result):
     """Fill result (n, n_p) with quintic Hermite polynomials through values and derivatives at equal distances.
@@ -162,7 +175,6 @@ def _hermite(theta, first, step, continued, result):
             result[k, i] = a * near + b * far
 
 
-SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
 NEARLY_SINGULAR = 1e-2  # the same, where a bisection ended that may not come closer
 SAME_BRANCH = 1e-6  # difference of poses that neighbours agree to
 MOST_AT_ONCE = 32  # steps that are guessed from one configuration
@@ -406,6 +418,11 @@ class Walk:
         self._closure, self._theta, self._assembled = closure, theta, poses[..., 0]
         self._steps = LONGEST * closure.scales
         self._kept: dict[tuple[int, ...], np.ndarray] = {}  # poses by the numbers of a place
+
+    @property
+    def assembled(self) -> tuple[np.ndarray, np.ndarray]:
+        """The configuration where it is assembled, (1, n_theta), and its poses (n_bodies, n_pose, 1)."""
+        return self._theta[None], self._assembled[..., None]
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta).

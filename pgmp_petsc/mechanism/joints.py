@@ -76,13 +76,19 @@ class Connection:
     #: the axes that it turns about and slides along, the first of triads in the frames of a and of b, shape (d, d)
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
-    held: tuple[Statement, ...]  # what is zero in the motion too
+    held: tuple[Statement, ...]  # what is zero in the motion
     released: tuple[Release, ...]  # directions that are held in the configuration alone
+    moved: Attachment  # a in the motion: where the joint is, if it is off
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
+
+    @property
+    def sides_held(self) -> tuple[Attachment, Attachment]:
+        """Both attachments in the motion, which `held` is about."""
+        return self.moved, self.b
 
     @property
     def holds_position(self) -> bool:

@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.closure import LoopClosure, ReleasedClosure, size_of
-from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation, PoseBranch, Walk
+from pgmp_petsc.base.errors import InputError, Remark, note
+from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, ReleasedClosure, size_of
+from pgmp_petsc.mechanism.continuation import Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -115,6 +115,14 @@ class RigidKinematics:
         other.__dict__.pop("_closure", None)
         other.__dict__.pop("_released", None)
         return other
+
+    @cached_property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What redundant constraints miss each other by, where they do not agree to the last digit."""
+        theta, poses = self._walk.assembled if self.branch is None else self.branch.everywhere
+        missed = self._closure.missed(poses, theta)
+        said = f"{missed}: redundant constraints do not agree, and loops are closed in least squares"
+        return (note(said),) if missed else ()
 
     @cached_property
     def _closure(self) -> LoopClosure:
@@ -318,6 +326,13 @@ class RigidKinematics:
                     f"ways; elsewhere it has {self.n_coordinates}, as many as coordinates were named. Let the range of "
                     "the coordinate leave it out, or choose lengths that do not let links fall into one line"
                 )
+            crooked = self._closure.crooked(poses, n_poses - self.n_coordinates)
+            if crooked:
+                raise InputError(
+                    f"{crooked} nearly follows from the other constraints, and keeps the rigid mechanism from moving: "
+                    "its axis or point is a little off. Check axes, points, and placements (the first guess of how it "
+                    "is assembled, angles in rad), from which bodies take the axes of joints"
+                )
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
             raise InputError(
@@ -347,7 +362,24 @@ class RigidKinematics:
             else:
                 where = f"in {names}" if names else "as no joint is on it"
                 texts.append(f"{body.name} can move by itself {where}: name a coordinate for it, or join it otherwise")
-        return "".join(f". {text}" for text in texts)
+        return "".join(f". {text}" for text in texts or self._on_no_ground())
+
+    def _on_no_ground(self) -> list[str]:
+        """Say which bodies are joined to others, and none of them to the ground."""
+        from scipy.sparse import coo_array  # a mechanism that is held has no use for them
+        from scipy.sparse.csgraph import connected_components
+
+        n = len(self.mechanism.bodies)
+        one, other = np.array([[side.body % (n + 1) for side in c.sides] for c in self.mechanism.connections]).T
+        _, groups = connected_components(coo_array((np.ones(one.size), (one, other)), shape=(n + 1, n + 1)))
+        texts = []
+        for group in np.setdiff1d(groups, groups[n:]):
+            names = [self.mechanism.bodies[k].name for k in np.flatnonzero(groups[:n] == group)]
+            texts.append(
+                f"{' and '.join(names)} are joined to each other alone: what stands on springs has a joint that is "
+                'elastic, such as type = "fixed" with elastic.stiffness, and is locked there for the count'
+            )
+        return texts
 
     def _without_spin(self, own: Sequence[Connection], poses: np.ndarray) -> list[str]:
         """Return the entries of joints in the places of two, empty where they hold the spin of their body about the

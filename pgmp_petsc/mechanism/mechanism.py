@@ -182,10 +182,13 @@ class Mechanism:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
         These are the statements of the joints, which are zero, and in space those that make the directors of `frames` a
-        rotation: of its bodies' poses, or of all nodes. Elastic joints are locked, as in the configuration; `moving` is
-        without what they release.
+        rotation: of its bodies' poses, or of all nodes. Elastic joints are locked and none is off, as in the
+        configuration; `moving` is without what they release, and about joints where they are.
         """
-        held = [(part, c.sides) for c in self.connections for part in (c.held if moving else c.statements)]
+        if moving:
+            held = [(part, c.sides_held) for c in self.connections for part in c.held]
+        else:
+            held = [(part, c.sides) for c in self.connections for part in c.statements]
         values = np.zeros(len(held))
         if self.space is SPATIAL:
             ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()

@@ -54,6 +54,10 @@ class Space:
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
         """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
 
+    def tangent(self, poses: np.ndarray) -> np.ndarray:
+        """Return rigid displacements of bodies as changes of their poses (n_bodies, n_pose, n), orthonormal where these
+        are rigid, shape (n, n_bodies, n_pose, n_dofs); of spaces whose poses depend on one another."""
+
     def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Return the second derivatives (n, n_dofs, n_dofs) of what has the slopes (n, n_pose) in a frame and is linear
         in it; rotations in space are rotation vectors."""
@@ -176,6 +180,16 @@ class Spatial(Space):
         for k, axis in enumerate(np.eye(3)):
             gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
         return gradient
+
+    def tangent(self, poses: np.ndarray) -> np.ndarray:
+        """Return the unit vectors for positions and, for directors, the turns ``e_i x d_k`` over the root of two."""
+        n_bodies, _, n = poses.shape
+        found = np.zeros((n, n_bodies, 12, 6))
+        found[:, :, :3, :3] = np.eye(3)
+        turning = np.array([cross_matrix(axis) for axis in np.eye(3)]) / np.sqrt(2.0)
+        turned = np.einsum("ice,bken->nbkci", turning, poses[:, 3:].reshape(n_bodies, 3, 3, n))
+        found[:, :, 3:, 3:] = turned.reshape(n, n_bodies, 9, 3)
+        return found
 
     def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Return the part of ``exp(phi) e_k`` of second order, ``1/2 phi x (phi x e_k)``, times the slopes."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.effects import effects_of, motions_of
@@ -18,6 +19,8 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
 from pgmp_petsc.full.systems import FullBatch, FullDistributed, FullStatics
+from pgmp_petsc.mechanism.closure import LARGEST_GAP
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -27,9 +30,10 @@ from pgmp_petsc.models.model import require_lengths, search_of, start_of, veloci
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.sample_blocks import SampleBlocks
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import Settled, settle
+from pgmp_petsc.stepping.static_equilibrium import DIFFERENCE, Settled, settle
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -100,7 +104,15 @@ class FullModel:
         sized = self._sized({name: float(value[0]) for name, value in values.items()})
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
-        return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled)
+        built_in = None
+        if settled is None and sized.is_off:
+            rates = np.broadcast_to(start[1].reshape(start[0].size, -1), (start[0].size, n_samples))
+            each = [
+                sized._built_in({name: float(value[k]) for name, value in values.items()}, rates[:, k], alone())
+                for k in range(n_samples)
+            ]
+            built_in = tuple(np.concatenate(parts, axis=1) for parts in zip(*each))
+        return FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in)
 
     def start_of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n_theta,), rad, and velocities of the coordinates at the start, rad/s; see
@@ -132,8 +144,9 @@ class FullModel:
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
         positions, rates = sized.start_of_samples(values, 1)
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
+        built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
         equations = sized._equations(sized.kinematics, values, start, comm)
-        return FullDistributed(equations, comm, sized._motions, settled)
+        return FullDistributed(equations, comm, sized._motions, settled, built_in)
 
     def _equations(
         self,
@@ -153,7 +166,71 @@ class FullModel:
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
         with FullStatics(equations, theta.size, comm) as statics:
-            return settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
+            settled = settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
+        if self.is_off and not settled.reasons:
+            self._require_held(settled.unknowns, theta)
+        return settled
+
+    @property
+    def is_off(self) -> bool:
+        """Whether joints do not agree with the rigid mechanism: bodies deform before anything acts."""
+        return bool(self.kinematics.remarks) or any(joint.offset for joint in self.scene.joints.values())
+
+    def _built_in(
+        self, values: Mapping[str, float], rates: np.ndarray, comm: MPI.Comm
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs, 1) of the static answer to joints that are off, without loads, at the
+        start with rates (n_theta,). Collective on `comm`.
+
+        Raises `InputError` where there is none: rigid bodies do not give way.
+        """
+        theta = self._start[0]
+        held = self.kinematics.held()
+        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
+        with FullStatics(equations, theta.size, comm, loads=0.0) as statics:
+
+            def deformed(at: np.ndarray) -> np.ndarray:
+                _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
+                if lost[0]:
+                    self._refuse(equations.start()[0][:, None], theta)
+                return statics.unknowns()
+
+            q = deformed(theta)
+            self._require_held(q, theta)
+            steps = DIFFERENCE * np.diag([c.scale(self.kinematics.size) for c in self.kinematics.coordinates])
+            v = np.zeros_like(q)
+            for rate, step in zip(rates, steps):
+                if rate:
+                    v += rate * (deformed(theta + step) - deformed(theta - step)) / (2.0 * np.sum(step))
+        return q, v
+
+    def _require_held(self, q: np.ndarray, theta: np.ndarray) -> None:
+        """Refuse joints that are off by more than bodies at unknowns (n_dofs, 1) give way."""
+        if self._furthest(q)[2] > LARGEST_GAP:
+            self._refuse(q, theta)
+
+    def _refuse(self, q: np.ndarray, theta: np.ndarray) -> None:
+        name, gap, _ = self._furthest(q)
+        raise InputError(
+            f"joints.{name}: {gap} remains at {self.kinematics.describe(theta)}: joints are off by what no redundancy "
+            "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in rad), "
+            "or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
+        )
+
+    def _furthest(self, q: np.ndarray) -> tuple[str, str, float]:
+        """Return the joint that is furthest from holding at unknowns (n_dofs, 1), by how much, and that in units of the
+        mechanism's size or of 1 rad."""
+        mechanism, found, row = self.kinematics.mechanism, [], 0
+        residual = np.abs(ConstraintSet(Unknowns(mechanism)).residual(q)[:, 0])
+        for connection in mechanism.connections:
+            for part in connection.held:
+                unit = self.kinematics.size if part.is_length else 1.0
+                what = "a gap of" if part.is_length else "an angle of"
+                text = f"{what} {residual[row]:.3g} {'m' if part.is_length else 'rad'}"
+                found.append((residual[row] / unit, connection.name, text))
+                row += 1
+        far, name, gap = max(found)
+        return name, gap, far
 
     def settled(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:
         """Return the static equilibria of samples, each found by itself."""
@@ -171,8 +248,8 @@ class FullModel:
 
     @property
     def _scaling(self) -> set[str | None]:
-        """Parameters that scale cross-sections, each value with a mesh of its own."""
-        return {body.section_scale for body in self.scene.bodies.values()}
+        """Parameters that scale cross-sections or are offsets of joints, each value with a mechanism of its own."""
+        return {body.section_scale for body in self.scene.bodies.values()} | offset_names(self.scene)
 
     def _sized(self, values: Mapping[str, float]) -> Self:
         """Return the model whose meshes have the cross-sections that parameter values give, and its own lengths."""
@@ -277,8 +354,8 @@ class ComponentModel(FullModel):
 
     @property
     def _scaling(self) -> set[str | None]:
-        """None: cross-sections that scale are weights of moments and stiffness as all parameters are."""
-        return set()
+        """Offsets of joints: cross-sections that scale are weights of moments and stiffness as all parameters are."""
+        return offset_names(self.scene)
 
     @property
     def n_amplitudes(self) -> dict[str, int]:

@@ -57,6 +57,11 @@ class ModeSet:
         return np.hstack([self.rigid[:, self.free], self.released])
 
     @property
+    def kept(self) -> np.ndarray:
+        """What a basis takes up beside the rigid motion: modes, and what elastic joints allow, (n_local, n_kept)."""
+        return np.hstack([self.flexible, self.released])
+
+    @property
     def eigenvectors(self) -> np.ndarray:
         """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_unstrained +
         n_modes)."""
@@ -93,6 +98,11 @@ class ModalProblem:
     matrices
         The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
 
+    Attributes
+    ----------
+    n_released, n_unstrained
+        Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
+
     Raises
     ------
     InputError
@@ -113,8 +123,8 @@ class ModalProblem:
         clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         first = self.mechanism.n_held
         self._clamp_rows = slice(first, first + len(clamped))
-        #: number of vanishing eigenvalues: of free coordinates, and of what elastic joints allow
-        self.n_unstrained = self.free.size + kinematics.motion(self._lowest()).released.shape[-1]
+        self.n_released = kinematics.motion(self._lowest()).released.shape[-1]
+        self.n_unstrained = self.free.size + self.n_released
         self._constraints = ConstraintJacobian(self.mechanism, clamped)
         self._null_spaces = NullSpaces(self._constraints.pattern)
         self.comm = comm

@@ -12,6 +12,7 @@ from pgmp_petsc.reduced.lagrangian_terms import fill_energies
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.interpolation import Interpolant
+from pgmp_petsc.reduction.tables import with_units
 
 SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off
 
@@ -64,7 +65,7 @@ def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray
     weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
     r = len(layout.rigid)
     entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
-    stiffness = unpacked(entries[:, layout.stiffness : layout.cubic])
+    stiffness = with_units(unpacked(entries[:, layout.stiffness : layout.cubic]))
     bent = np.zeros_like(stiffness)
     if layout.second_order:
         bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])

@@ -29,7 +29,7 @@ from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation_errors, midpoints
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between
+from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between, with_units
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
@@ -273,7 +273,7 @@ def _stiffness_and_loads(scene: Scene, tables: ReducedTables, static: range) -> 
             columns += _unless_nothing(part, moving)
     columns += [stiffness[:, :, j] for j in static]
     shape = (*stiffness.shape[:2], len(columns))
-    return stiffness, np.stack(columns, axis=2) if columns else np.zeros(shape)
+    return with_units(stiffness), np.stack(columns, axis=2) if columns else np.zeros(shape)
 
 
 def _unless_nothing(load: np.ndarray, size: float) -> Iterator[np.ndarray]:

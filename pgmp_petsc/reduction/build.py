@@ -262,6 +262,7 @@ def _built(
     remarks = (
         *scene.remarks,
         *(() if way.checkpoint is None else way.checkpoint.remarks),
+        *kinematics.remarks,
         *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
         *rounds.remarks(store.samples, basis),
@@ -338,6 +339,7 @@ class _Sampling:
         """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
         joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
+        first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released
         compression: Compression | None = None
         while True:
             with timings.phase("eigenproblems"), agreed(world, "eigenproblems"):
@@ -358,7 +360,7 @@ class _Sampling:
                             scene.nominal if scene.second_order else None,
                         )  # fmt: skip
                         if acted:
-                            rounds.static = range(self.sampler.problem.n_modes, joined.n_kept)
+                            rounds.static = range(first_static, joined.n_kept)
                 wanted = on_root(world, lambda: rounds.wanted(store.samples, previous, basis))
             if wanted.size == 0:
                 return joined, basis, rounds

@@ -38,7 +38,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
+from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs, with_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,9 +363,11 @@ def interpolation_errors(
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
         scale = 1.0 if name == "mass" else _largest(getattr(old, name), weights, values)
         errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
-    stiffness = _weighted(fresh.stiffness, old.stiffness_weights, values)
+    stiffness = with_units(_weighted(fresh.stiffness, old.stiffness_weights, values))
     diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
-    guess = _weighted(interpolant(old.samples, old.stiffness, "spline")(theta), old.stiffness_weights, values)
+    guess = with_units(
+        _weighted(interpolant(old.samples, old.stiffness, "spline")(theta), old.stiffness_weights, values)
+    )
     relative = np.abs(stiffness - guess) / (diagonal[:, :, None] * diagonal[:, None, :])
     return np.maximum(errors, relative.max(axis=(1, 2), initial=0.0))
 

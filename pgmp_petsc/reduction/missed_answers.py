@@ -126,15 +126,19 @@ def missed_answers_at(
         As of `Manifold.at`.
     """
     modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
-    rigid, shape = modes.unstrained, sample.shape @ combination
+    rigid, shape = modes.rigid[:, modes.free], sample.shape @ combination
     kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept :]
     stiffness = [problem.matrices.stiffness[weight] for weight in problem.mechanism.stiffness_weights]
     n_rigid, n = rigid.shape[1], rigid.shape[1] + shape.shape[1]
     terms: dict[Monomial, np.ndarray] = {}
-    for weight, load in answered_terms(problem, modes, sample.kept[:, sample.n_modes :], static_loads).items():
-        terms[weight] = np.hstack([np.zeros((len(load), n_rigid)), load @ kept])
+    first, last = sample.n_modes, sample.n_modes + problem.n_released
+    for weight, load in answered_terms(problem, modes, sample.kept[:, last:], static_loads).items():
+        answered = load @ np.delete(kept, np.s_[first:last], axis=0)
+        terms[weight] = np.hstack([np.zeros((len(load), n_rigid)), answered])
+    # rigid motions answer no load: their inertia forces balance the others
+    moving = np.hstack([rigid, modes.released @ kept[first:last]])
     for weight, term in problem.matrices.mass.items():
-        terms[weight][:, :n_rigid] += term @ problem.all_rows(rigid)
+        terms[weight] += term @ problem.all_rows(moving)
     if others.size:
         # vectors of other parameters are no answers to loads that are known: they keep their own elastic forces
         for weight, term in zip(problem.mechanism.stiffness_weights, stiffness):
@@ -145,7 +149,7 @@ def missed_answers_at(
     forces = problem.inner(np.hstack([rigid, shape]), loads)
     everywhere = problem.all_rows(shape)
     columns = np.hstack([*loads, *(term @ everywhere for term in stiffness)])
-    return weights, forces, problem.static_answers(rigid, columns, "answers at other parameters").T
+    return weights, forces, problem.static_answers(modes.unstrained, columns, "answers at other parameters").T
 
 
 def answered_terms(

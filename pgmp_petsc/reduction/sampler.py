@@ -27,7 +27,8 @@ TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "i
 class Sample:
     """Results of a group of ranks at one configuration, in the eigensolver's own basis.
 
-    The kept vectors are the eigenmodes, ascending, and after them the static modes of the loads. Snapshots of every
+    The kept vectors are the eigenmodes, ascending, after them what elastic joints allow, and the static modes of the
+    loads. Snapshots of every
     parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations.
     """
 
@@ -104,7 +105,7 @@ class Sampler:
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._loads.at(theta)
         static = static_modes(problem, modes, self._static_loads.at)
-        shape = kept = np.hstack([modes.flexible, static])
+        shape = kept = np.hstack([modes.kept, static])
         if self._snapshots is not None:
             missed = self._snapshots.missed(
                 self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept])
@@ -119,11 +120,14 @@ class Sampler:
             work[problem.mechanism.mass_weights.index(weight)] += problem.inner(
                 forces.reshape(accelerations.shape), shape
             )
+        stiffness = _symmetric(problem.inner(shape, self._times(self._stiffness, shape)))
+        released = slice(problem.n_modes, problem.n_modes + problem.n_released)
+        stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
             eigenvalues=modes.eigenvalues,
             mass=_symmetric(problem.inner(basis, inertia)),
             inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
-            stiffness=_symmetric(problem.inner(shape, self._times(self._stiffness, shape))),
+            stiffness=stiffness,
             load=problem.inner(loads, basis),
             canonical=self._canonical(modes, kept.shape[1]),
             shape=shape,

@@ -270,7 +270,7 @@ class _Configuration:
         static = static_modes(problem, modes, loads.at)
         flexible = np.hstack([modes.flexible, static])
         found = snapshots.at(theta, flexible)
-        rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))
+        rest = snapshots.missed(found, np.hstack([modes.unstrained, flexible]))
         everything = np.hstack([flexible, rest])
         stiffness = tuple(problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems)
         n, q = len(found), found[0].shape[1]

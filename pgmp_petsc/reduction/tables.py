@@ -222,6 +222,11 @@ class ReducedTables:
             changes=None,
         )
 
+    @property
+    def unstrained(self) -> np.ndarray:
+        """Numbers of the flexible coordinates without stiffness at any parameters: what elastic joints allow."""
+        return np.flatnonzero(~self.stiffness.any(axis=(0, 1, 2)))
+
     def frequencies_hz(
         self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
     ) -> np.ndarray:
@@ -236,17 +241,19 @@ class ReducedTables:
 
         Returns
         -------
-        ndarray, shape (n, n_delta), Hz
+        ndarray, shape (n, n_delta - n_unstrained), Hz
         """
         r = self.n_coordinates
         mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
         stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)
-        # free-free modes: the free rigid coordinates are condensed out of the kinetic energy
+        # free-free modes: what is free to move without strain is condensed out of the kinetic energy
         free = np.arange(r) if free is None else np.asarray(free, dtype=int)
-        coupled = mass[:, free, r:]
+        free, bent = np.append(free, r + self.unstrained), np.setdiff1d(np.arange(self.n_modes), self.unstrained)
+        coupled = mass[:, free[:, None], r + bent]
         follow = np.linalg.solve(mass[:, free[:, None], free], coupled)
-        flexible = mass[:, r:, r:] - np.einsum("nri,nrj->nij", coupled, follow)
+        flexible = mass[:, r + bent[:, None], r + bent] - np.einsum("nri,nrj->nij", coupled, follow)
         lower = np.linalg.inv(np.linalg.cholesky(flexible))
+        stiffness = stiffness[:, bent[:, None], bent]
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
 
@@ -342,7 +349,7 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
         between = interpolant(samples, table, scheme)(theta)
         for k in range(n_samples):
             point = {key: float(column[k]) for key, column in values.items()}
-            matrices = _scaled(np.tensordot(evaluate_weights(weights, point), between, axes=(0, 1)))
+            matrices = _scaled(with_units(np.tensordot(evaluate_weights(weights, point), between, axes=(0, 1))))
             if _all_above(matrices, SMALLEST):
                 continue
             smallest = np.linalg.eigvalsh(matrices)[:, 0]
@@ -371,6 +378,13 @@ def _between(samples: Samples, places: Sequence[float]) -> Samples:
     ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
     starts = samples.theta[: ends.size]
     return replace(samples, theta=np.concatenate([starts + place * (ends - starts) for place in places]))
+
+
+def with_units(stiffness: np.ndarray) -> np.ndarray:
+    """Return stiffness matrices (n, m, m) with 1 on the diagonal of coordinates that have none, as elastic joints do:
+    what is left is as definite as it is without these."""
+    empty = ~stiffness.any(axis=(0, 1))
+    return stiffness + np.diag(empty.astype(float)) if empty.any() else stiffness
 
 
 def _scaled(matrices: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from pgmp_petsc.scene.fields import (
     Interval,
     Name,
     NotNegativeOrParameter,
+    NumberOrParameter,
     Place,
     Sign,
     StiffnessOrParameter,
@@ -97,6 +98,38 @@ class Elastic(Table):
                 yield problem(f"{entry}.{damped}", words, list(damping))
 
 
+class Offset(Table):
+    """A table ``offset`` of a joint: how far it is from where it should be.
+
+    The rigid mechanism closes without it, and has as many coordinates. In the motion the joint holds the moved point
+    and the turned axes of its first body, and bodies give way where redundant joints then do not agree.
+    """
+
+    place: Annotated[tuple[NumberOrParameter, ...], Unit("m")] = Field(
+        (), description="(x, y), in space (x, y, z), by which the first point is off (m), numbers or parameters' names"
+    )
+    turn: Annotated[tuple[NumberOrParameter, ...], Unit("rad")] = Field(
+        (),
+        description="how far its axes are turned there: one angle in the plane, in space axis times angle (rad); "
+        "numbers or parameters' names",
+    )
+
+    def uses(self) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
+        """Yield key, value, sign and units of what may name a parameter."""
+        for key, (sign, unit) in quantities_of(type(self)).items():
+            yield from ((key, value, sign, unit.turning) for value in getattr(self, key))
+
+    def problems(self, dimension: int, entry: str) -> Iterator[str]:
+        """Yield a line if it has nothing, or not as many numbers as directions or turns."""
+        if not self.place and not self.turn:
+            yield problem(entry, "place or turn is needed, such as { place = [0.0, 0.0, 1e-4] }", {})
+        for key, count in (("place", dimension), ("turn", TURNS[dimension])):
+            numbers = getattr(self, key)
+            if numbers and len(numbers) != count:
+                what = "one number is" if count == 1 else f"{count} numbers are"
+                yield problem(f"{entry}.{key}", f"{what} needed {WHERE[dimension]}", list(numbers))
+
+
 def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
     """Yield a line if the axes of springs and dampers make no frame, or these are not as many as axes."""
     n = dimension
@@ -155,6 +188,9 @@ class JointEntry(Table):
     also_in_plane: ClassVar[tuple[str, ...]] = ()
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
     elastic: Elastic | None = Field(None, description="how it gives way in the directions that it holds")
+    offset: Offset | None = Field(
+        None, description="how far it is from where it should be, in the frame of the first point's owner"
+    )
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:

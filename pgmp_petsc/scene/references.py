@@ -439,6 +439,8 @@ def _joints(scene: Scene) -> Iterator[str]:
             yield problem(f"joints.{name}.type", words, joint.type)
         else:
             yield from joint.problems(scene, name)
+            if joint.offset is not None:
+                yield from joint.offset.problems(scene.dimension, f"joints.{name}.offset")
             if joint.elastic is not None:
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
                 if name in scene.effects:

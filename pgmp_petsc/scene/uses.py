@@ -90,8 +90,9 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         unit = "m/s" if of is not None and slides(scene, of) else "rad/s"
         yield Use(f"simulation.initial.{coordinate}.velocity", name, "any", (unit,))
     for name, joint in scene.joints.items():
-        for key, *use in joint.elastic.uses() if joint.elastic is not None else ():
-            yield Use(f"joints.{name}.elastic.{key}", *use)
+        for table in ("elastic", "offset"):
+            for key, *use in getattr(joint, table).uses() if getattr(joint, table) is not None else ():
+                yield Use(f"joints.{name}.{table}.{key}", *use)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
 
@@ -111,6 +112,12 @@ def measured_uses(scene: Scene) -> Iterator[Use]:
         output = scene.outputs.get(event.output)
         for key in ("above", "below") if output is not None else ():
             yield Use(f"ensemble.probabilities.{label}.{key}", 0.0, "any", (output.unit_in(scene),))
+
+
+def offset_names(scene: Scene) -> set[str]:
+    """Return the parameters that are offsets of joints."""
+    offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
+    return {value for offset in offsets for _, value, *_ in offset.uses() if isinstance(value, str)}
 
 
 def ordered_ends(scene: Scene) -> Iterator[tuple[str, str, float | str, float | str, float]]:

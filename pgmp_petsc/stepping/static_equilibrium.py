@@ -304,6 +304,7 @@ def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.
     return explain
 
 
+BUILT_IN = "the run starts with the stress that joints that are off build in, without loads, and lets the mechanism go"
 ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
 
 
@@ -321,7 +322,7 @@ def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]
     """Return where runs of a scene start from static equilibrium, and whether they will stay there."""
     settled = system.settled
     if settled is None:
-        return ()
+        return (note(BUILT_IN),) if system.built_in is not None else ()
     places = words_of(settled.coordinates, settled.theta[0])
     if not settled.free:
         return (note(f"the run starts from static deformation with coordinates held at {places}{_let_go(scene)}"),)
@@ -339,7 +340,8 @@ def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]
 def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
     """Return where the samples of an ensemble start from, and how many will not stay there (a mask)."""
     if not scene.initial.equilibrium:
-        return ()
+        off = any(joint.offset is not None for joint in scene.joints.values())
+        return (note(BUILT_IN.replace("the run", "every sample")),) if off else ()
     if scene.initial.coordinates == "held":
         return (note(f"every sample starts from its own static deformation with coordinates held{_let_go(scene)}"),)
     remarks = [note("every sample starts from its own static equilibrium")]

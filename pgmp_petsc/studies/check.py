@@ -90,6 +90,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
+    lines += [f"  {remark}" for remark in kinematics.remarks]
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if large:
         lines += _condensing(mechanism)

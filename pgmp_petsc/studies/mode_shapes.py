@@ -114,7 +114,8 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
             f"--at {place}: the interpolated mass matrix is not positive definite there; build with "
             f"{smoother(scheme)}, or take a sampled angle"
         ) from error
-    return np.sqrt(np.maximum(values[free.size :], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, free.size :]
+    n_rigid = free.size + tables.unstrained.size
+    return np.sqrt(np.maximum(values[n_rigid:], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, n_rigid:]
 
 
 def _displacements(field: FieldPoints, body: Body, moved: np.ndarray) -> np.ndarray:

@@ -74,7 +74,7 @@ def reduced_vibrations(
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     whole_mass = weighted_sum(matrices.mass, values)
-    n_rigid = free.size - springs.n_resisted(matrices, alone())
+    n_rigid = free.size + tables.unstrained.size - springs.n_resisted(matrices, alone())
     kept = np.concatenate([free, np.arange(r, r + tables.n_modes)])
     mass = np.einsum(
         "t,ntij->nij", evaluate_weights(tables.mass_weights, values),

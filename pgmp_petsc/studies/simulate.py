@@ -362,11 +362,10 @@ def _described(
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
     stored = shape_frames(model.kinematics.mechanism, frames, part.time[part.shown])
     scene = model.scene
+    said = (*remarks, *model.kinematics.remarks, *scene.remarks)
     return {
         "model": model.name,
-        "record": RunRecord(
-            scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), (*remarks, *scene.remarks)
-        ),
+        "record": RunRecord(scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), said),
         "time": part.time,
         "outputs": part.outputs,
         "units": model.outputs.units,

@@ -82,11 +82,10 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
 
 def beside_modes(rom: ReducedOrderModel) -> str:
     """Name what a basis has besides modes."""
-    n_parameter = rom.n_parameter
-    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_parameter
-    return (f", {n_static} static" if n_static else "") + (
-        f", {n_parameter} of other parameters" if n_parameter else ""
-    )
+    n_parameter, n_released = rom.n_parameter, rom.tables.unstrained.size
+    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_released - n_parameter
+    counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": n_parameter}
+    return "".join(f", {n} {what}" for what, n in counts.items() if n)
 
 
 def points_report(rom: ReducedOrderModel) -> list[str]:

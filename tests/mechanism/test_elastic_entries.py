@@ -79,8 +79,21 @@ def test_infinity_is_written_and_read():
     assert "inf" in text and scene_from_toml(text, ".") == rotor()
 
 
-def test_reduced_models_name_what_they_have_not():
-    with pytest.raises(InputError, match=r"joints\.one\.elastic: no part of reduced models; take pgmp simulate"):
-        check_capabilities(machine(), Purpose.BUILD)
-    with pytest.raises(InputError, match=r"reduction\.preload = true with joints\.one\.elastic: the work of loads"):
-        check_capabilities(machine("reduction.preload=true"), Purpose.MODES)
+LENGTH = ("parameters.l={nominal=0.3,bounds=[0.29,0.31]}", "bodies.crank.line.length='l'")
+SECOND_ORDER = ("reduction.second_order=true",)
+AUTOMATIC = ("reduction.effects='auto'", "effects={}")
+NOT_WITH_THESE = {
+    "preload": (Purpose.MODES, ("reduction.preload=true",), "reduction.preload = true with joints.one.elastic: the"),
+    "sizes": (Purpose.SIZES, (), "joints.one.elastic: sizes of effects are those on rigid joints"),
+    "automatic": (Purpose.BUILD, AUTOMATIC, 'reduction.effects = "auto" with joints.one.elastic: effects are chosen'),
+    "second order": (Purpose.BUILD, SECOND_ORDER, "joints.one.elastic with terms of second order: those of what"),
+    "lengths": (Purpose.BUILD, LENGTH, 'bodies.crank.line.length = "l" with joints.one.elastic: models at several'),
+}
+
+
+@pytest.mark.parametrize(("purpose", "asked", "said"), NOT_WITH_THESE.values(), ids=NOT_WITH_THESE)
+def test_what_elastic_joints_are_not_taken_with(purpose, asked, said):
+    with pytest.raises(InputError) as error:
+        check_capabilities(machine(*asked), purpose)
+    assert str(error.value).startswith(said)
+    check_capabilities(rigid_frame(), Purpose.FULL)

@@ -209,6 +209,16 @@ def test_too_many_degrees_of_freedom() -> None:
     )
 
 
+def test_bodies_that_are_joined_to_each_other_alone() -> None:
+    """A frame on mounts that are effects, and a crank on it: neither moves while the other rests."""
+    scene = slider_crank()
+    joints = {"hub": scene.joints["elbow"]}
+    coordinates = {"theta": scene.coordinates["theta"].model_copy(update={"joint": "hub"})}
+    message = refusal(scene.model_copy(update={"joints": joints, "coordinates": coordinates}))
+    assert "4 degrees of freedom" in message
+    assert "crank and rod are joined to each other alone" in message and "elastic.stiffness" in message
+
+
 def test_a_range_that_begins_in_a_singular_position() -> None:
     """A parallelogram with its links in one line, where it can fold as well."""
     lengths = {"crank": 0.3, "coupler": 1.0, "rocker": 0.3}

@@ -226,7 +226,7 @@ def test_the_jacobian_in_body_frames_is_that_of_small_motions_of_nodes(kind: str
     a = Attachment(0, 4, POINTS[0], arm)
     b = Attachment(1, 7, POINTS[1], np.zeros(3))
     joint, poses = make_joint(kind, *axes_of(2)), poses_of_two_bodies()[..., 0]
-    connection = Connection("test", joint, a, b, slice(0, len(joint)), axes_of(2), tuple(joint), ())
+    connection = Connection("test", joint, a, b, slice(0, len(joint)), axes_of(2), tuple(joint), (), a)
     # of the mechanism only its numbers are looked at
     mechanism = SimpleNamespace(space=SPATIAL, n_dofs=48, bodies=(None, None))
     found = BodyGradients(mechanism, [(part, connection.sides) for part in joint])

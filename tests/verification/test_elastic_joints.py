@@ -1,16 +1,19 @@
 """Elastic joints against closed forms, an own beam code, and their rigid limit."""
 
+import exported
 import numpy as np
 import pytest
+from differences import compare
 from elastic_scenes import BEARINGS, DISCS, N_ELEMENTS, SHAFT, SIDE, machine, rigid_frame, rotor, vibrations
 from machine_scenes import MODELS
-from runs import history, read_meshes, samples
+from runs import history, read_meshes, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
 
 GRAVITY = 9.81
@@ -91,3 +94,127 @@ def test_soft_mounts_do_not_change_the_count_of_coordinates():
     assert kinematics.n_coordinates == 1
     motion = kinematics.motion(np.array([0.3]))
     assert motion.released.shape[-1] == 3  # of six directions of two mounts
+
+
+REDUCED = ("reduction.modes=5", "reduction.static_modes=true", "simulation.step=1e-4", "simulation.duration=0.3")
+
+
+def _outputs(model, scene: Scene, **values: float) -> dict[str, np.ndarray]:
+    _, found = history(model, samples(scene, 1, **values), 1)
+    return {name: own[:, 0] for name, own in found.items()}
+
+
+@pytest.mark.parametrize("k", [2e6, 5e5, 1e7])
+def test_reduced_runs_are_those_of_full_order(k):
+    """Of the largest deformation 1 %; the stiffness of the mounts is no part of the tables."""
+    scene = machine(*REDUCED)
+    full, reduced = (_outputs(MODELS[name](scene), scene, k=k) for name in ("full", "reduced"))
+    for name in ("lift", "bent"):
+        assert np.max(np.abs(reduced[name] - full[name])) < 0.01 * np.max(np.abs(full[name])), name
+    assert np.max(np.abs(reduced["theta"] - full["theta"])) < 1e-4 * np.max(np.abs(full["theta"]))
+
+
+def test_component_runs_are_those_of_full_order():
+    scene = machine(*REDUCED)
+    full, components = (_outputs(MODELS[name](scene), scene) for name in ("full", "components"))
+    for name in ("lift", "bent"):
+        assert np.max(np.abs(components[name] - full[name])) < 2e-3 * np.max(np.abs(full[name])), name
+
+
+def test_a_stiffness_of_a_built_model_is_that_of_a_new_build():
+    scene, other = machine(*REDUCED), machine(*REDUCED, "parameters.k.nominal=2.3e6")
+    changed = _outputs(MODELS["reduced"](scene), scene, k=2.3e6, c=170.0)
+    built = _outputs(MODELS["reduced"](other), other, c=170.0)
+    for name, own in built.items():
+        assert np.max(np.abs(changed[name] - own)) < 1e-6 * np.max(np.abs(own)), name
+
+
+def test_reduced_frequencies_on_springs_are_those_of_the_mesh():
+    """Support modes to round-off, as rigid motions and static answers to the springs are in the basis."""
+    scene = machine(*REDUCED)
+    rom = rom_of(scene)
+    assert rom.tables.unstrained.size == 3
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    springs, _ = springs_of(scene, kinematics)
+    theta = rom.tables.samples.theta[[3]]
+    found = reduced_vibrations(rom, springs, scene.reduction.interpolation, scene.values, theta)
+    assert found[0, :5] == pytest.approx(vibrations(scene, theta[0, 0])[:5], rel=1e-8)
+
+
+def test_a_rotor_in_its_bearings_is_reduced():
+    """In space; a spring stretches by what the rotor's weight is, and a free spin stays free."""
+    scene = rotor("effects.weight={type='gravity',direction=[0,0,-1]}", "simulation={duration=0.02,step=1e-5}", *SINKS)
+    full, reduced = (_outputs(MODELS[name](scene), scene) for name in ("full", "reduced"))
+    for name in full:
+        assert np.max(np.abs(reduced[name] - full[name])) < 0.01 * np.max(np.abs(full[name])), name
+
+
+SINKS = (
+    "outputs={left={type='displacement',point='shaft:hinge',axis='z'},mid={type='displacement',point='shaft:4',axis='z'}}",
+)
+
+
+DERIVED = ("parameters.k={nominal=2e6}", "simulation.step=5e-4", "simulation.duration=0.025", *REDUCED[:2])
+
+
+def test_derivatives_by_stiffness_and_damping_are_central_differences():
+    compare(reduced_model(machine(*DERIVED)))
+
+
+@exported.needs_compiler
+def test_c_code_runs_as_the_model(tmp_path):
+    model = reduced_model(machine(*REDUCED))
+    found = exported.outputs_of(exported.compiled(model, tmp_path))
+    exported.assert_equal(found, exported.simulated(model).outputs)
+
+
+def test_errors_are_estimated_within_a_factor_of_three():
+    """Of the reduction alone: the step of both runs is so small that it has no part."""
+    scene = machine(
+        "reduction.modes=2", "reduction.static_modes=false", "simulation.duration=0.1", "simulation.step=5e-5"
+    )
+    model = reduced_model(scene)
+    found, full = exported.simulated(model), _outputs(MODELS["full"](scene), scene)
+    for name in ("lift", "bent"):
+        true = np.max(np.abs(found.outputs[name] - full[name]))
+        assert true / 3.0 < found.errors.maximum(name) < 3.0 * true, name
+
+
+def test_the_balance_of_energy_holds_at_second_order():
+    """A damped machine falls onto its mounts: what their dampers take is in the balance."""
+    residuals = []
+    for step in ("4e-4", "2e-4"):
+        scene = machine(
+            "effects.weight={type='gravity'}", "simulation.duration=0.1", f"simulation.step={step}", *REDUCED[:2]
+        )
+        balance = exported.simulated(reduced_model(scene)).balance
+        residuals.append(np.max(np.abs(balance.residual)))
+        assert np.max(np.abs(balance.work["one"])) > 10.0 * residuals[-1]
+    assert 3.3 < residuals[0] / residuals[1] < 5.0
+
+
+def test_a_run_from_equilibrium_rests_on_its_mounts():
+    """With the crank hanging down, where its weight turns nothing."""
+    rest = (
+        "effects={weight={type='gravity'}}",
+        "initial.equilibrium=true",
+        "simulation.initial.theta.position=4.71238898038469",
+    )
+    scene = machine(*rest, "simulation.duration=0.02")
+    for name, make in MODELS.items():
+        lift = _outputs(make(scene), scene)["lift"]
+        assert np.ptp(lift) < 1e-6 * np.abs(lift[0]) and lift[0] < -9e-5, name
+
+
+def test_stresses_away_from_the_nominal_parameters_know_the_mounts():
+    """Answers that a basis misses are those of the released structure."""
+    stressed = (
+        "parameters.w={nominal=0.02,distribution={name='uniform',loc=0.018,scale=0.004}}",
+        "bodies.crank.section.width='w'",
+        "outputs={force={type='stress',body='crank',quantity='axial_force',at=[0.1,0.0]}}",
+    )
+    scene = machine(*REDUCED, "reduction.inertia_modes=true", *stressed, "simulation.initial.theta.velocity=60.0")
+    full, reduced = (_outputs(MODELS[name](scene), scene, w=0.021) for name in ("full", "reduced"))
+    settled = slice(len(full["force"]) // 2, None)  # what the sudden start sets off has passed
+    means = (np.mean(one["force"][settled]) for one in (reduced, full))
+    assert np.divide(*means) == pytest.approx(1.0, abs=5e-3)

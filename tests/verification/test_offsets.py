@@ -1,0 +1,220 @@
+"""Joints that are off: built-in stress against closed forms, limits, energy, and both full-order and component runs."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crooked_scenes import spatial_four_bar
+from machine_scenes import MODELS
+from mpi4py import MPI
+from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, clamped_beam, offset
+from refusals import cases, check_said
+from runs import PGMP, full_model, overridden, read_meshes
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import simulate
+
+E, NU = 210e9, 0.3
+G, SHEAR = E / (2.0 * (1.0 + NU)), 10.0 * (1.0 + NU) / (12.0 + 11.0 * NU)  # Cowper 1966, of rectangles
+TILT = float(np.radians(5.0))
+FREE = ("effects={}", "simulation.initial.theta.velocity=20.0", "simulation.spectral_radius=1.0")
+
+
+def built_in(scene: Scene) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return strain energy, multipliers and accelerations at the start of a full-order run."""
+    system = full_model(scene).batch({}, 1)
+    state = system.start()
+    energy = float(system.energies(0.0, state).strain[0])
+    return energy, system.unpack(state.multipliers)[:, 0], system.unpack(state.a)[:, 0]
+
+
+def extrapolated(values: Sequence[float]) -> float:
+    """Return the limit of values on meshes each twice as fine as the one before, of second order; hold the order."""
+    first, second, third = values
+    # elements of the first order: 4 from one to the next, where terms of fourth order are small
+    assert (first - second) / (second - third) == pytest.approx(4.0, rel=0.05)
+    return third + (third - second) / 3.0
+
+
+def clamped_stiffness() -> np.ndarray:
+    """Return force and moment at the end of a clamped Timoshenko beam for its displacement and rotation there."""
+    inertia, area = WIDTH * HEIGHT**3 / 12.0, WIDTH * HEIGHT
+    phi = 12.0 * E * inertia / (SHEAR * G * area * LENGTH**2)
+    own = np.array([[12.0, -6.0 * LENGTH], [-6.0 * LENGTH, (4.0 + phi) * LENGTH**2]])
+    return E * inertia / (LENGTH**3 * (1.0 + phi)) * own
+
+
+@pytest.mark.parametrize(("d", "phi"), [(1e-5, 0.0), (0.0, 1e-5), (1e-5, 2e-5)])
+def test_forces_and_energy_of_a_clamped_beam_with_its_end_off(d: float, phi: float) -> None:
+    off, found = np.array([d, phi]), []
+    for n in (8, 16, 32):
+        scene = clamped_beam(offset("right", place=[0.0, d], turn=[phi]), f"bodies.beam.line.elements={n}")
+        energy, multipliers, accelerations = built_in(scene)
+        found.append([energy, *multipliers[4:6]])
+        # it is at rest: of 1e-5 m at 2e3 rad/s, the lowest frequency, 40 m/s2 would be there if it were not
+        assert np.max(np.abs(accelerations)) < 1e-4
+    stiffness = clamped_stiffness()
+    expected = np.array([0.5 * off @ stiffness @ off, *np.abs(stiffness @ off)])
+    limits = [extrapolated([abs(one[k]) for one in found]) for k in range(3)]
+    # what is left of fourth order; and of geometry, the sine of the tilt and the axial force
+    np.testing.assert_allclose(limits, expected, rtol=3e-4, atol=1e-12)
+
+
+def test_the_energy_goes_to_zero_with_the_square_of_the_offset() -> None:
+    sizes = np.array([4e-4, 2e-4, 1e-4])
+    shares = np.array([built_in(clamped_beam(offset("right", place=[0.0, d])))[0] / d**2 for d in sizes])
+    # stretching of the axis is of fourth order in the offset: the change of the share is of second order
+    order = np.log2((shares[0] - shares[1]) / (shares[1] - shares[2]))
+    assert order == pytest.approx(2.0, abs=0.05)
+    assert built_in(clamped_beam(offset("right", place=[0.0, 0.0], turn=[0.0])))[0] < 1e-25
+
+
+def flexibility() -> np.ndarray:
+    """Return what (f_z, m_x, m_y) at the joint C of the four-bar do to (w, phi_x, phi_y) of its bodies there.
+
+    Cut there, it is two chains of beams that their hinges clamp against motions out of the plane: by Castigliano, with
+    bending, torsion and shear.
+    """
+    placed = {name: spatial_four_bar().bodies[name].placement for name in ("crank", "coupler", "rocker")}
+    lengths, sides = (
+        {"crank": 0.08, "coupler": 0.24, "rocker": 0.16},
+        {"crank": 0.016, "coupler": 0.016, "rocker": 0.008},
+    )
+    joint, found = np.array(placed["rocker"].origin[:2]), np.zeros((3, 3))
+    for name, place in placed.items():
+        side, angle = sides[name], place.rotation[2]
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        x, weights = np.polynomial.legendre.leggauss(4)
+        for s, weight in zip(0.5 * lengths[name] * (1.0 + x), 0.5 * lengths[name] * weights):
+            arm = joint - (np.array(place.origin[:2]) + s * along)
+            # moments (m_x, m_y) at the section of a unit f_z, m_x, m_y at the joint: arm x f
+            moments = np.array([[arm[1], 1.0, 0.0], [-arm[0], 0.0, 1.0]])
+            twist, bend, force = along @ moments, across @ moments, np.array([1.0, 0.0, 0.0])
+            found += weight * np.outer(twist, twist) / (G * 0.1405770 * side**4)  # Timoshenko and Goodier, of a square
+            found += weight * np.outer(bend, bend) / (E * side**4 / 12.0)
+            found += weight * np.outer(force, force) / (SHEAR * G * side**2)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("given", "gap"),
+    [({"place": [0.0, 0.0, 1e-5]}, [1e-5, 0.0, 0.0]), ({"turn": [1e-4, 0.0, 0.0]}, None)],
+)
+def test_the_stress_built_into_a_four_bar_in_space(given: dict, gap: list | None) -> None:
+    if gap is None:  # the turn is in the coupler's frame
+        angle = spatial_four_bar().bodies["coupler"].placement.rotation[2]
+        gap = [0.0, 1e-4 * np.cos(angle), 1e-4 * np.sin(angle)]
+    energies = []
+    for n in (1, 2, 4):
+        elements = (f"bodies.{name}.line.elements={n * k}" for name, k in (("crank", 4), ("coupler", 8), ("rocker", 4)))
+        energies.append(built_in(spatial_four_bar(offset("C", **given), *elements))[0])
+    expected = 0.5 * np.array(gap) @ np.linalg.solve(flexibility(), gap)
+    # bending between elements of first order converges with second order
+    assert extrapolated(energies) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize(("given", "share"), [({"turn": [TILT, 0.0, 0.0]}, 3.8), ({"place": [0.0, 0.0, 1e-4]}, 5e-4)])
+def test_a_crooked_linkage_keeps_its_energy(model: str, given: dict, share: float) -> None:
+    scene = spatial_four_bar(offset("C", **given), *FREE, "simulation.step=5e-5")
+    found = simulate(MODELS[model](scene), MPI.COMM_SELF)
+    total = found.balance.kinetic + found.balance.strain
+    # it takes energy to turn it: what is stored is of this size beside the motion's, and changes with the angle
+    assert found.balance.strain[0] / found.balance.kinetic[0] == pytest.approx(share, rel=0.05)
+    assert np.ptp(found.balance.strain) > 1e-3 * found.balance.strain[0]
+    # the trapezoidal rule with 5e-5 s, of motions of 20 rad/s: (20 * 5e-5)^2 = 1e-6
+    assert np.ptp(total) < 1e-6 * total[0]
+
+
+@pytest.mark.parametrize("command", [["simulate"], ["montecarlo", "-n", "2", "--seed", "1"]])
+def test_runs_say_that_stress_is_built_in(mpirun: Callable, command: list[str], tmp_path: Path) -> None:
+    scene = tmp_path / "clamped.toml"
+    scene.write_text(
+        CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"
+    )
+    asked = overridden("joints.right.offset={place=[0.0,'d']}")
+    done = mpirun(1, *PGMP, command[0], scene, "--full", *asked, *command[1:], "-o", tmp_path / "out.h5")
+    assert "starts with the stress that joints that are off build in, without loads" in " ".join(done.stdout.split())
+    if command[0] == "montecarlo":  # in the middle half of the end's offset, each sample its own
+        found = Ensemble.read(tmp_path / "out.h5")
+        np.testing.assert_allclose(found.outputs["middle"], 0.5 * found.parameters["d"], rtol=1e-3)
+
+
+def test_components_follow_the_full_order_run_with_an_axis_five_degrees_off() -> None:
+    scene = spatial_four_bar(offset("C", turn=[TILT, 0.0, 0.0]), *FREE, "simulation.step=5e-5")
+    full, components = (simulate(MODELS[model](scene), MPI.COMM_SELF) for model in ("full", "components"))
+    assert components.balance.strain[0] == pytest.approx(full.balance.strain[0], rel=1e-3)
+    for name, values in full.outputs.items():
+        # deformations of 5 degrees, of which floating frames leave out the second order: 0.09^2 / 6
+        np.testing.assert_allclose(components.outputs[name], values, rtol=0, atol=2e-3 * np.max(np.abs(values)))
+
+
+@pytest.mark.parametrize("distance", [1e-9, 1e-6, 1e-3])
+def test_bearings_off_by_anything(distance: float) -> None:
+    """From a nanometre to a millimetre the energy is that of the flexibility."""
+    energy = built_in(spatial_four_bar(offset("C", place=[0.0, 0.0, distance])))[0]
+    unit = built_in(spatial_four_bar(offset("C", place=[0.0, 0.0, 1e-5])))[0] / 1e-10
+    # geometry: (1 mm / 0.08 m)^2
+    assert energy == pytest.approx(unit * distance**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_offsets_are_parameters(model: str) -> None:
+    """Samples with offsets of their own start as scenes with these numbers do."""
+    parameter = "parameters.tilt={nominal=0.0,unit='rad',distribution={name='norm',loc=0.0,scale=1e-4}}"
+    scene = spatial_four_bar(parameter, "joints.C.offset={turn=['tilt',0.0,0.0]}")
+    one = MODELS[model](scene)
+    assert one.largest_batch == 1
+    system = one.batch({"tilt": np.array([2e-4])}, 1)
+    alone = MODELS[model](spatial_four_bar(offset("C", turn=[2e-4, 0.0, 0.0]))).batch({}, 1)
+    energies = [float(of.energies(0.0, of.start()).strain[0]) for of in (system, alone)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9) and energies[0] > 0.0
+
+
+REFUSED = cases("""
+joints.right.offset={} -> joints.right.offset = {}: place or turn is needed
+joints.right.offset={place=[0.0]} -> joints.right.offset.place = [0.0]: 2 numbers are needed in the plane
+joints.right.offset={place=[0.0,1.0,2.0]} -> joints.right.offset.place = [0.0, 1.0, 2.0]: 2 numbers are needed
+joints.right.offset={turn=[0.0,0.0]} -> joints.right.offset.turn = [0.0, 0.0]: one number is needed in the plane
+joints.right.offset={place=["gap",0.0]} -> joints.right.offset.place = "gap": there is no such parameter
+joints.right.offset={place=[true,0.0]} -> joints.right.offset.place[0] = true: a finite number or the name
+joints.right.offset={turn=[nan]} -> joints.right.offset.turn[0] = nan: a finite number or the name
+joints.right.offset={plaec=[0.0,0.0]} -> joints.right.offset.plaec = [0.0, 0.0]: unknown key; did you mean 'place'
+""")
+
+
+@pytest.mark.parametrize(("asked", "said"), REFUSED)
+def test_refused_with_the_scene(asked: str, said: str) -> None:
+    with pytest.raises(InputError) as error:
+        clamped_beam(asked)
+    check_said(str(error.value), said, asked)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.REDUCED, Purpose.MODES, Purpose.TRADEOFF, Purpose.SIZES])
+def test_what_goes_over_configurations_refuses_offsets(purpose: Purpose) -> None:
+    scene = clamped_beam(offset("right", place=[0.0, 1e-5]))
+    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*no part of reduced models"):
+        check_capabilities(scene, purpose, read_meshes(scene))
+
+
+def test_elastic_joints_beside_offsets_are_refused() -> None:
+    soft = "joints.hinge.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]}"
+    scene = clamped_beam(offset("right", place=[0.0, 1e-5]), soft)
+    with pytest.raises(InputError, match=r"^joints\.right\.offset: .*found without springs"):
+        check_capabilities(scene, Purpose.FULL, read_meshes(scene))
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_an_offset_that_nothing_takes_is_refused_on_ranks(mpirun: Callable, ranks: int, tmp_path: Path) -> None:
+    scene = tmp_path / "clamped.toml"
+    scene.write_text(CLAMPED)
+    asked = overridden("bodies.beam.flexible=false", "outputs={}", offset("right", place=[0.0, 1e-3]))
+    done = mpirun(ranks, *PGMP, "simulate", scene, "--full", *asked, "-o", tmp_path / "run.h5", check_status=2)
+    assert (
+        "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy" in done.stderr
+    )
+    assert "Traceback" not in done.stderr
