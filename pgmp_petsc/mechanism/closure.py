@@ -179,8 +179,9 @@ class LoopClosure:
             raise InputError(
                 f"joints.{blame}: the joints of rigid bodies contradict one another at {self.describe(theta[worst])}; "
                 f"{gaps}, and redundant constraints may miss each other by {LARGEST_GAP:g} of the mechanism's size, "
-                f"{LARGEST_GAP * self.size:.3g} {unit_system(self.mechanism.scene).unit('m')}, or as many rad. Check points "
-                f"and axes, and placements{GUESSED}, from which bodies take the axes of joints; or let joints that say the same be ones that hold less"
+                f"{LARGEST_GAP * self.size:.3g} {unit_system(self.mechanism.scene).unit('m')}, or as many rad. Check "
+                f"points and axes, and placements{GUESSED}, from which bodies take the axes of joints; or let joints "
+                "that say the same be ones that hold less"
             )
         closed = self._closed_from(start, found, where, TRIES if placed else 0)
         if closed is None and self._largest(residual[:, None])[0] < NO_GAP:
