@@ -1,9 +1,11 @@
 """How far a reduced run leaves what a linear reduced basis assumes; looked at in every run and every sample.
 
 Every second step is looked at. Changes of stiffness are followed there; rotations and strains are evaluated in the most
-deformed states only, one of every twentieth part of the run: those with the largest strain energy.
+deformed states only, one of every twentieth part of the run: those with the largest strain energy, and that in which
+elastic joints give way most.
 
 **Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
+What elastic joints give way is in it: their motion is linear in the model, and has to be as small.
 
 **Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
 height; of a section given by coefficients, which has no height, c is that of the circle with the same radius of
@@ -89,6 +91,9 @@ class Validity(Observer):
         self._weights = Weights.of(of_mass, system.load_weights, of_stiffness)
         self._places = Places.of(tables.samples, tables.stiffness, model.stiffness_changes)
         self._kept = Kept.nothing(self._places, -(-n_looks // self._part), n, system.n_eta)
+        self._released = tables.n_coordinates + tables.unstrained
+        self._turning = _turning(model, tables.unstrained) if tables.unstrained.size else np.zeros(0)
+        self._furthest, self._released_most = np.full(n, -1.0), np.zeros((n, system.n_eta))
         self._n_looks = 0
         self._deformed = {name: np.full(n, np.nan) for name in ("elastic_rotation", "elastic_strain")}
 
@@ -120,10 +125,22 @@ class Validity(Observer):
         forces = self._system.action_forces(times, trail)
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
+        if self._released.size:
+            self._follow_released(trail[:, 0])
+
+    def _follow_released(self, states: np.ndarray) -> None:
+        """Keep the states, of (n_t, n, n_eta), in which elastic joints give way most by a bound of rotations."""
+        sizes = np.nan_to_num(np.abs(states[..., self._released]) @ self._turning, nan=-1.0)
+        largest, each = np.argmax(sizes, axis=0), np.arange(sizes.shape[1])
+        further = sizes[largest, each] > self._furthest
+        self._furthest[further] = sizes[largest, each][further]
+        self._released_most[further] = states[largest, each][further]
 
     def _strain(self) -> None:
         """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""
         states = self._kept.deformed(self._system.n_samples)
+        if self._released.size:
+            states = np.concatenate([states, self._released_most[None]])
         n_together = max(1, LARGEST // (states.shape[1] * self._model.kinematics.mechanism.n_dofs))
         for first in range(0, len(states), n_together):
             some = states[first : first + n_together]
@@ -134,6 +151,13 @@ class Validity(Observer):
             for name, values in zip(self._deformed, found):
                 values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])
                 self._deformed[name] = np.fmax(self._deformed[name], np.fmax.reduce(values, axis=0))
+
+
+def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.ndarray:
+    """Return the largest rotations of nodes at any sample for a unit of some flexible coordinates, shape (n,), rad."""
+    mechanism = model.kinematics.mechanism
+    moved = mechanism.by_node(np.moveaxis(model.rom.projection[:, :, coordinates], 0, -1))
+    return np.linalg.norm(moved[:, mechanism.space.dimension :], axis=1).max(axis=(0, 2))
 
 
 class BodyStrains:
@@ -281,9 +305,11 @@ def _beyond(scene: Scene) -> dict[str, str]:
     full = comparing(scene)
     limits = limits_of(scene.second_order)
     rotation, strain, share = (limits[name] for name in ("elastic_rotation", "elastic_strain", "stiffness_lost"))
+    elastic = [f"joints.{name}" for name, joint in scene.joints.items() if joint.elastic is not None]
+    given = f", with what {', '.join(elastic)} give way, which is taken as small" if elastic else ""
     texts = {
-        "elastic_rotation": f"elastic rotations of {{}} rad, beyond {rotation}: linear strains are wrong by more than "
-        f"1 %; {full}",
+        "elastic_rotation": f"elastic rotations of {{}} rad{given}, beyond {rotation}: linear strains are wrong by "
+        f"more than 1 %; {full}",
         "elastic_strain": f"elastic strains of {{}}, beyond {strain}: few materials are linear there; {full}",
     }
     if scene.second_order:

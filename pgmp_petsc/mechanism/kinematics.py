@@ -331,7 +331,8 @@ class RigidKinematics:
                 raise InputError(
                     f"{crooked} nearly follows from the other constraints, and keeps the rigid mechanism from moving: "
                     "its axis or point is a little off. Check axes, points, and placements (the first guess of how it "
-                    "is assembled, angles in rad), from which bodies take the axes of joints"
+                    "is assembled, angles in rad), from which bodies take the axes of joints. If it is meant, give "
+                    "them as they should be, and how far the joint is off as its offset"
                 )
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"

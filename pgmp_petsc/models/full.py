@@ -213,15 +213,16 @@ class FullModel:
         name, gap, _ = self._furthest(q)
         raise InputError(
             f"joints.{name}: {gap} remains at {self.kinematics.describe(theta)}: joints are off by what no redundancy "
-            "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in rad), "
-            "or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
+            "explains and no elasticity takes. Let bodies that they hold be flexible, take a smaller offset (turn in "
+            "rad), or joints that hold less; placements, the first guess of how it is assembled, may be the reason too"
         )
 
     def _furthest(self, q: np.ndarray) -> tuple[str, str, float]:
         """Return the joint that is furthest from holding at unknowns (n_dofs, 1), by how much, and that in units of the
         mechanism's size or of 1 rad."""
         mechanism, found, row = self.kinematics.mechanism, [], 0
-        residual = np.abs(ConstraintSet(Unknowns(mechanism)).residual(q)[:, 0])
+        constraints = ConstraintSet(Unknowns(mechanism))
+        residual = np.abs(constraints.residual(q, np.zeros(constraints.n_driven))[:, 0])  # the joints' come first
         for connection in mechanism.connections:
             for part in connection.held:
                 unit = self.kinematics.size if part.is_length else 1.0

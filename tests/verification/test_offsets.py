@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crooked_scenes import spatial_four_bar
+from crooked_scenes import pivot_off, spatial_four_bar
 from machine_scenes import MODELS
 from mpi4py import MPI
 from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, clamped_beam, offset
@@ -13,6 +13,7 @@ from refusals import cases, check_said
 from runs import PGMP, full_model, overridden, read_meshes
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.full.systems import FullStatics
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import Scene
@@ -142,6 +143,50 @@ def test_runs_say_that_stress_is_built_in(mpirun: Callable, command: list[str], 
     if command[0] == "montecarlo":  # in the middle half of the end's offset, each sample its own
         found = Ensemble.read(tmp_path / "out.h5")
         np.testing.assert_allclose(found.outputs["middle"], 0.5 * found.parameters["d"], rtol=1e-3)
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize("way", ["driven", "held", "rounded"])
+def test_every_way_to_start(model: str, way: str) -> None:
+    """Driven at a speed, from static equilibrium under loads, and with points that are rounded and driven."""
+    off = pivot_off(1e-9) if way == "rounded" else offset("C", turn=[0.02, 0.0, 0.0])
+    drive = 'effects={drive={type="prescribed_motion",coordinate="theta",constant_speed={speed=-0.6}}}'
+    given = {
+        "driven": [drive], "rounded": [drive], "held": ["initial.equilibrium=true"],
+    }[way]  # fmt: skip
+    found = simulate(MODELS[model](spatial_four_bar(off, *given)), MPI.COMM_SELF)
+    assert found.status == 0
+    # built in at the start as later: the coupler does not jump out of the plane
+    aside = found.outputs["aside"]
+    assert np.ptp(aside) < 0.02 * np.max(np.abs(aside))
+
+
+def test_the_torque_that_holds_a_crooked_linkage_is_the_slope_of_its_energy() -> None:
+    given = (offset("C", turn=[0.01, 0.0, 0.0]), "effects={}")
+    at = {
+        k: built_in(spatial_four_bar(*given, f"simulation.initial.theta.position={0.2 + k}"))[0] for k in (-1e-3, 1e-3)
+    }
+    model = full_model(spatial_four_bar(*given, "simulation.initial.theta.position=0.2", "initial.equilibrium=true"))
+    theta, held = np.array([0.2]), model.kinematics.held()
+    equations = model._equations(held, {}, (theta, np.zeros(1)), MPI.COMM_SELF)
+    with FullStatics(equations, 1, MPI.COMM_SELF) as statics:
+        torques, lost = statics.hold(theta[None], np.ones(1, dtype=bool))
+    # what the linkage itself leaves over on the coordinate is against the slope; differences are of second order
+    assert not lost[0] and torques[0, 0] == pytest.approx(-(at[1e-3] - at[-1e-3]) / 2e-3, rel=1e-4)
+
+
+def test_ranks_start_as_one_process_does() -> None:
+    model = full_model(spatial_four_bar(offset("C", turn=[0.02, 0.0, 0.0]), *FREE))
+    one = model.batch({}, 1)
+    start = one.start()
+    with model.distributed({}, MPI.COMM_SELF) as other:
+        again = other.start()
+        # static answers to 1e-12 of the size, and differences of theirs over 1e-5 rad at 20 rad/s
+        np.testing.assert_allclose(other.unpack(again.q), one.unpack(start.q), rtol=0, atol=1e-11)
+        np.testing.assert_allclose(other.unpack(again.v), one.unpack(start.v), rtol=0, atol=1e-5)
+        rates = other._equations.constraints.rates(one.unpack(start.q), one.unpack(start.v))
+    # velocities obey the joints where they are: to that, and to the second order of the step
+    assert np.max(np.abs(rates)) < 1e-6 * np.max(np.abs(one.unpack(start.v)))
 
 
 def test_components_follow_the_full_order_run_with_an_axis_five_degrees_off() -> None:
