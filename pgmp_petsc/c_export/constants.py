@@ -22,6 +22,7 @@ from pgmp_petsc.c_export.statements import (
     ActionInC,
     Output,
     StatementInC,
+    TermInC,
     action_in_c,
     closure_of,
     coordinates_of,
@@ -99,7 +100,7 @@ class Constants:
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
     #: values that this has
     coordinates: Sequence[StatementInC]
-    closure: Sequence[StatementInC]
+    closure: Sequence[TermInC]
     closure_wanted: Sequence[float]
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
@@ -152,7 +153,8 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         "N_NODES": len(nodes),
         "N_ACTIONS": len(actions),
         "N_ACTION_NODES": len(held),
-        "N_CLOSURE": len(closure),
+        "N_CLOSURE": len(wanted),
+        "N_CLOSURE_TERMS": len(closure),
         "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
         "N_EDGES": first_edges[-1],
         "MOST_EDGES": max([0, *(len(action.law.edges) for action in actions)]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants
-from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC
+from pgmp_petsc.c_export.statements import ActionInC, Output, Side, StatementInC, TermInC
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.files.claims import check_output, locked
 from pgmp_petsc.files.hdf5 import replacing
@@ -132,7 +132,8 @@ def _tables(constants: Constants) -> str:
         _listed("const int action_nodes[]", map(str, constants.action_slots)),
         _pieces([*constants.strengths.values(), *constants.motions]),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
-        _listed("const struct statement closure[]", map(_statement, constants.closure), "{0}"),
+        _listed("const struct term closure[]", _terms(constants.closure), "{0}"),
+        _listed("const struct spline_piece spline_pieces[]", _spline_pieces(constants.closure), "{0}"),
         _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         _listed("const struct action actions[]", map(_action, constants.actions), "{0}"),
@@ -181,6 +182,23 @@ def _side(side: Side) -> str:
 def _statement(part: StatementInC) -> str:
     directions = ", ".join(_numbers(axis) for axis in part.statement.axes)
     return f"{{{part.statement.kind}, {_numbers(part.turns)}, {{{directions}}}, {_side(part.a)}, {_side(part.b)}}}"
+
+
+def _terms(terms: Sequence[TermInC]) -> Iterator[str]:
+    """Yield terms of the closure, each with the first of its spline's pieces among those of all, and their number."""
+    first = 0
+    for term in terms:
+        n = len(term.function.coefficients)
+        numbers = f"{term.row}, {first}, {n}, {term.near}, {_number(term.function.factor)}"
+        yield f"{{{numbers}, {_statement(term.statement)}}}"
+        first += n
+
+
+def _spline_pieces(terms: Sequence[TermInC]) -> Iterator[str]:
+    """Yield the pieces of all splines."""
+    for function in (term.function for term in terms):
+        for begin, end, cubic in zip(function.breaks[:-1], function.breaks[1:], function.coefficients):
+            yield f"{{{_number(float(begin))}, {_number(float(end))}, {_numbers(map(float, cubic))}}}"
 
 
 def _output(output: Output) -> str:

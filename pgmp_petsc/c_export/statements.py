@@ -12,7 +12,7 @@ from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joint_turns import JointTurns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.statements import Statement, distance
+from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.readings import Reading
 
@@ -48,6 +48,16 @@ class StatementInC:
 
 
 @dataclass(frozen=True, eq=False)
+class TermInC:
+    """A function of a statement, and the row of the closure that it adds to."""
+
+    row: int
+    statement: StatementInC
+    function: Function
+    near: int  # number of the coordinate that an angle is near to; -1: what the others leave of the row's value
+
+
+@dataclass(frozen=True, eq=False)
 class ActionInC:
     """A local effect: numbers of its nodes among those of all effects, of its strength, -1 where it has none, and of
     the first edge of its law among those of all."""
@@ -78,12 +88,20 @@ def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> lis
     return [StatementInC.of_reading(Reading.of_coordinate(c, kinematics), slots) for c in kinematics.coordinates]
 
 
-def closure_of(kinematics: RigidKinematics) -> tuple[list[StatementInC], list[float]]:
-    """Return what holds the rigid bodies together, and the values that these statements have."""
+def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]:
+    """Return the terms of what holds the rigid bodies together, and the values that its rows have."""
     mechanism = kinematics.mechanism
     origin = np.zeros(mechanism.space.dimension)
     parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
-    found = [StatementInC(part, *(Side.of(side, {}) for side in sides)) for part, sides in parts]
+    found = []
+    numbers = {coordinate.statement: k for k, coordinate in enumerate(kinematics.coordinates)}
+    for row, (part, sides) in enumerate(parts):
+        points = [Side.of(side, {}) for side in sides]
+        pairs = zip(points[::2], points[1::2])
+        found += [
+            TermInC(row, StatementInC(statement, *pair), function, numbers.get(statement, -1))
+            for (statement, function), pair in zip(part.terms, pairs)
+        ]
     return found, [float(value) for value in wanted]
 
 

@@ -13,18 +13,16 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import reduce
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from operator import or_
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Annotated, Any, get_args
+from typing import Any, get_args
 
-from pydantic import BaseModel, Field, GetCoreSchemaHandler
-from pydantic_core import CoreSchema
+from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, core_schema
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.plugins import IN_USE, Plugin
@@ -138,5 +136,19 @@ class Found:
     family: Family
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        ideas = reduce(or_, self.family.found())
-        return handler.generate_schema(Annotated[ideas, Field(discriminator=self.family.key)])
+        """Return the schema of a table that its idea's class validates: only the schemas that are used are built."""
+        return self._union(
+            core_schema.with_info_plain_validator_function(_validator_of(c)) for c in self.family.found()
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        for cls in self.family.found():
+            cls.model_rebuild()
+        return handler(self._union(cls.__pydantic_core_schema__ for cls in self.family.found()))
+
+    def _union(self, schemas: Iterable[CoreSchema]) -> CoreSchema:
+        return core_schema.tagged_union_schema(dict(zip(self.family.names, schemas)), self.family.key)
+
+
+def _validator_of(cls: type[BaseModel]) -> Callable[[Any, ValidationInfo], BaseModel]:
+    return lambda table, info: cls.model_validate(table, context=info.context)

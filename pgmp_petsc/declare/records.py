@@ -411,10 +411,11 @@ def _put_arrays(group: h5py.Group, leaf: Leaf) -> None:
     if each is None:
         _put_array(group, leaf.place, leaf.one.entry, leaf.value, context)
         return
+    parent = group.require_group(leaf.place) if len(leaf.value) else group
     for number, own in enumerate(leaf.value):
         instant = {"instant": f"{context.own.time[number]:g}"} if hasattr(context.own, "time") else {}
         inner = context._replace(words={**context.words, **instant})
-        _put_array(group, f"{leaf.place}/{number_name(number)}", leaf.one.entry, own, inner)
+        _put_array(parent, number_name(number), leaf.one.entry, own, inner)
 
 
 def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context: Context) -> None:

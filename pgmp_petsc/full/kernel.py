@@ -267,8 +267,8 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
         add_modal_damping(problem.modal, problem.dimension, q, v, x, place, powers)
     add_loads(problem.loads, width, block, amplitudes[0], share, x, place)
     add_constraints(
-        problem.constraints, width, problem.dimension, angles, residual, q, multipliers, scale, gains[2], fresh, x,
-        place, diagonal, lower,
+        problem.constraints, width, problem.dimension, angles, turns, residual, q, multipliers, scale, gains[2], fresh,
+        x, place, diagonal, lower,
     )  # fmt: skip
 
 

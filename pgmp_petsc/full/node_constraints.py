@@ -26,7 +26,7 @@ from pgmp_petsc.lanes.lane_items import items
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import PHI, Arms, CurvedTies, Products, Quadratics, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
-from pgmp_petsc.mechanism.statement_rows import Rows
+from pgmp_petsc.mechanism.statement_rows import FROM_SUM, Rows
 
 if TYPE_CHECKING:
     from pgmp_petsc.full.rank_solver import Layout
@@ -49,10 +49,11 @@ class Ties(NamedTuple):
 class NodeConstraints(NamedTuple):
     """Constraints, as compiled functions take them."""
 
-    rows: Rows  # the statements, n of them
-    places: np.ndarray  # their places among all constraints here, shape (n,)
+    rows: Rows  # the statements, n terms of constraints
+    places: np.ndarray  # the places of their constraints among all here, shape (n,)
     wanted: np.ndarray  # what is taken off, shape (n,), m, 1 or rad
     motions: np.ndarray  # number of the prescribed motion that is taken off too, -1 where there is none, shape (n,)
+    near: np.ndarray  # as in `ChosenRows`, shape (n,)
     linear: np.ndarray  # whether a statement is linear in the unknowns, shape (n,)
     weights: np.ndarray  # w over the scale of the constraints, shape (n,), m2
     #: positions, curved_positions: where the matrix stores the first derivatives, and the second ones of those that are
@@ -92,16 +93,15 @@ class ConstraintParts:
         system = self._own.rows
         starts, _, unknowns = system.compiled.entries
         firsts, ones, others = [0], [], []
-        for row, weight in enumerate(self._weights):
-            one, other = np.tril_indices(starts[row + 1] - starts[row] if weight else 0)
-            ones.append(starts[row] + one)
-            others.append(starts[row] + other)
+        for term, weight in enumerate(self._weights):
+            one, other = np.tril_indices(starts[term + 1] - starts[term] if weight else 0)
+            ones.append(starts[term] + one)
+            others.append(starts[term] + other)
             firsts.append(firsts[-1] + one.size)
         empty = np.zeros(0, dtype=np.int64)
         self._pairs = np.array(firsts), np.concatenate([empty, *ones]), np.concatenate([empty, *others])
-        rows, columns = system.jacobian_pattern
         multipliers = self._n_dofs + chosen[self._own.places]
-        self._jacobian = multipliers[rows], columns
+        self._jacobian = np.repeat(multipliers, np.diff(starts)), unknowns
         self._products = unknowns[self._pairs[1]], unknowns[self._pairs[2]]
         self._tie_entries = self._entries_of_ties()
         parts = (self._jacobian, system.curvature_pattern, self._products, *self._tie_entries)
@@ -132,7 +132,7 @@ class ConstraintParts:
         """Return the constraints in the numbering of a layout; `owned` are those whose multipliers belong to this rank,
         shape (n,)."""
         own, compiled = self._own, self._own.rows.compiled
-        linear = np.zeros(own.rows.n, dtype=bool)
+        linear = np.zeros(own.places.size, dtype=bool)
         linear[compiled.linear] = True
         starts, columns, unknowns = compiled.entries
         entries = starts, columns, layout.unknowns(unknowns)
@@ -155,15 +155,15 @@ class ConstraintParts:
             self._curved.placed(layout),
         )
         return NodeConstraints(
-            rows, own.places, own.wanted, own.motions, linear, self._weights, layout.positions(*self._jacobian),
-            layout.positions(*own.rows.curvature_pattern), (*self._pairs, layout.positions(*self._products)), ties,
-            owned[own.places],
+            rows, own.places, own.wanted, own.motions, own.near, linear, self._weights,
+            layout.positions(*self._jacobian), layout.positions(*own.rows.curvature_pattern),
+            (*self._pairs, layout.positions(*self._products)), ties, owned[own.places],
         )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
 def add_constraints(
-    constraints, width, d, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+    constraints, width, d, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` and ``gain_k lambda d2c/dq2`` to the matrix.
 
@@ -175,6 +175,8 @@ def add_constraints(
         Dimension.
     driven
         Angles of the motions now, shape (n_motions,), rad.
+    turns
+        In space the angles that those of coordinates are near to, shape (n_coordinates or more, n_lanes), rad.
     residual
         Residual in place of c, shape (n, n_lanes), or (0, n_lanes) for c itself.
     q, multipliers
@@ -207,7 +209,9 @@ def add_constraints(
     for number in range(still.size):
         of_x[place[n_dofs + number]] += scales * still[number]
     if n_linear < constraints.places.size:
-        _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+        _add_curved(
+            constraints, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+        )
     if constraints.ties.linear[0].size:
         _add_ties(constraints.ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
 
@@ -220,7 +224,7 @@ def _wanted(constraints, k, driven):
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+def _add_curved(constraints, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what statements give that are not linear, lane by lane; see `add_constraints`."""
     rows, statements = constraints.rows, loaded(constraints.rows.statements)
     n_dofs, n_lanes = q.shape
@@ -229,15 +233,29 @@ def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fr
     curved_starts, one, other = rows.curved
     pair_starts, first, second, pair_positions = constraints.pairs
     y, g, h, scratch = np.zeros(m), np.zeros(m), np.zeros((m, m)), scratch_of(statements, m // 2)
+    so_far = np.zeros(n_lanes)  # of the terms of a constraint before this one, less what is wanted
     for k in range(constraints.places.size):
-        if not constraints.linear[k]:
-            number, motion = constraints.places[k], constraints.motions[k]
+        begins = k == 0 or constraints.places[k] != constraints.places[k - 1]
+        alone = begins and (k + 1 == constraints.places.size or constraints.places[k] != constraints.places[k + 1])
+        if constraints.linear[k]:
+            for lane in range(0 if alone else n_lanes):
+                value = rows.constants[k] - _wanted(constraints, k, driven)
+                for entry in range(starts[k], starts[k + 1]):
+                    value += rows.slopes[entry] * q[unknowns[entry], lane]
+                so_far[lane] = value if begins else so_far[lane] + value
+        else:
+            number, motion, of = constraints.places[k], constraints.motions[k], constraints.near[k]
             goal, near = _wanted(constraints, k, driven), driven[motion] if motion >= 0 else 0.0
             for lane in range(n_lanes):
+                if of == FROM_SUM:
+                    near = -so_far[lane] / statements.factors[k]
+                elif of >= 0 and of < turns.shape[0]:
+                    near = turns[of, lane]
                 for i in range(m):
                     dof = rows.dofs[k, i]
                     y[i] = q[dof, lane] if dof >= 0 else 0.0
                 missed = state(statements, k, y, near, fresh, scratch, g, h) - goal
+                so_far[lane] = missed if begins else so_far[lane] + missed
                 against = missed if itself else residual[number, lane]
                 force = multipliers[number, lane] + constraints.weights[k] * scale[lane] * against
                 for entry in range(starts[k], starts[k + 1]):

@@ -25,7 +25,7 @@ import numpy as np
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import Combination, Statement
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -105,18 +105,20 @@ class BodyGradients:
     mechanism
         The mechanism that the attachments belong to.
     held
-        The statements and their sides.
+        The statements, or combinations of them, and their sides.
 
     Attributes
     ----------
     n
-        Number of statements.
+        Number of rows.
     rows, dofs
-        Statement and unknown of every entry, shape (n_entries,); no entry is zero everywhere.
+        Row and unknown of every entry, shape (n_entries,), none of them twice; no entry is zero everywhere.
     """
 
-    def __init__(self, mechanism: Mechanism, held: Sequence[tuple[Statement, tuple[Attachment, Attachment]]]) -> None:
-        space, sides = mechanism.space, [pair for _, pair in held]
+    def __init__(
+        self, mechanism: Mechanism, held: Sequence[tuple[Statement | Combination, tuple[Attachment, ...]]]
+    ) -> None:
+        space, sides = mechanism.space, [own for _, own in held]
         self.n, self._space, self._n_dofs = len(held), space, mechanism.n_dofs
         moving = {side.node: side for pair in sides for side in pair if not side.on_ground}
         nodes = np.array(sorted(moving), dtype=int)
@@ -127,38 +129,44 @@ class BodyGradients:
             lambda node: space.n_pose * np.searchsorted(nodes, node) + np.arange(space.n_pose),
             space.dimension,
         )
-        self._slopes = self._rows.jacobian_pattern[0], self._rows.compiled.entries[1]
+        starts, columns, _ = self._rows.compiled.entries
+        self._slopes = np.repeat(np.arange(starts.size - 1), np.diff(starts)), columns
         bodies = np.array([moving[node].body for node in nodes], dtype=int)
         points = np.array([moving[node].point - moving[node].arm for node in nodes]).reshape(-1, space.dimension)
         self._nodes = [(body, points[bodies == body]) for body in np.unique(bodies)]
-        self._bodies = np.array([[side.body for side in pair] for pair in sides], dtype=int).reshape(-1, 2)
+        every = [side for own in sides for side in own]
+        self._bodies = np.array([side.body for side in every], dtype=int).reshape(-1, 2)
         grounded = np.full(space.n_dofs, -1)
-        dofs = np.array([[grounded if s.on_ground else s.dofs for s in pair] for pair in sides], dtype=int)
-        dofs = dofs.reshape(self.n, 2, space.n_dofs)
+        dofs = np.array([grounded if side.on_ground else side.dofs for side in every], dtype=int)
+        dofs = dofs.reshape(-1, 2, space.n_dofs)
         self._entries = self._felt(dofs, len(mechanism.bodies))
-        self.rows, self.dofs = self._entries[0], dofs[self._entries]
+        # terms of a row may be about one node, and both sides of a statement too
+        pairs = np.stack([self._rows.row_of[self._entries[0]], dofs[self._entries]])
+        (self.rows, self.dofs), self._entry_of = np.unique(pairs, axis=1, return_inverse=True)
+        self._entry_of = self._entry_of.ravel()
 
     def values(self, poses: np.ndarray) -> np.ndarray:
         """Return the entries at poses (n_bodies, n_pose), shape (n_entries,)."""
-        return self._everything(poses)[self._entries]
+        return np.bincount(self._entry_of, self._everything(poses)[self._entries], self.rows.size)
 
     def dense(self, poses: np.ndarray) -> np.ndarray:
         """Return the gradients in all unknowns at poses (n_bodies, n_pose), shape (n, n_dofs)."""
         found = np.zeros((self.n, self._n_dofs))
         if not self.n:
             return found
-        # both sides of a statement may be the same node
-        np.add.at(found, (self.rows, self.dofs), self.values(poses))
+        found[self.rows, self.dofs] = self.values(poses)
         return found
 
     def _everything(self, poses: np.ndarray) -> np.ndarray:
-        """Return the derivatives in both nodes' unknowns, shape (n, 2, n_dofs of a node); any on the ground."""
+        """Return the derivatives of terms in both nodes' unknowns, shape (n_terms, 2, n_dofs of a node); any on the
+        ground."""
         space = self._space
         frames = [space.place(poses[body], points).ravel() for body, points in self._nodes]
-        slopes = np.zeros((self.n, 2 * space.n_pose))
+        n = len(self._bodies)
+        slopes = np.zeros((n, 2 * space.n_pose))
         slopes[self._slopes] = self._rows.jacobian_values(np.concatenate([*frames, np.zeros(0)]))
         turns = np.array([space.frame_gradient(pose) for pose in poses])
-        return (slopes.reshape(self.n, 2, 1, space.n_pose) @ turns[self._bodies])[:, :, 0]
+        return (slopes.reshape(n, 2, 1, space.n_pose) @ turns[self._bodies])[:, :, 0]
 
     def _felt(self, dofs: np.ndarray, n_bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the places of the derivatives that are not zero at poses that no mechanism comes to."""
@@ -166,4 +174,6 @@ class BodyGradients:
         poses = random.normal(size=(n_bodies, self._space.n_pose))
         if self._space.n_tied:  # directors
             poses[:, d:] = np.linalg.qr(poses[:, d:].reshape(n_bodies, d, d))[0].reshape(n_bodies, d * d)
-        return np.nonzero((np.abs(self._everything(poses)) > ROUND_OFF) & (dofs >= 0))
+        with self._rows.bent_functions():
+            felt = np.abs(self._everything(poses)) > ROUND_OFF
+        return np.nonzero(felt & (dofs >= 0))

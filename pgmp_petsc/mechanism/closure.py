@@ -22,7 +22,10 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -31,6 +34,8 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.scene.unit_systems import unit_system
 
 MAX_ITERATIONS = 25
+NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
+FAR_FROM_SINGULAR = 1e6  # norm of J times that of its inverse, at which the inverse loses six digits of sixteen
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
 RELEASED_TOLERANCE = 1e-8  # of a released direction's own change, what of it is independent of the others
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
@@ -129,9 +134,7 @@ class LoopClosure:
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
         n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
-        moving = rates.reshape(len(unknowns), n_theta, n)[self._rows.dofs]
-        moving[self._rows.dofs < 0] = 0.0
-        right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
+        right = self._rows.second_along(unknowns, rates.reshape(len(unknowns), n_theta, n))
         result = -self._least(poses, self.jacobian(poses), right.reshape(n, self._rows.n, -1))
         return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
 
@@ -232,7 +235,7 @@ class LoopClosure:
         share = values[rank] / values[0] if values.size > rank else 0.0
         if not SINGULAR_TOLERANCE < share < CROOKED:
             return ""
-        most = max(self.mechanism.connections, key=lambda c: np.max(np.abs(left[c.rows, rank])))
+        most = max(self.mechanism.holders, key=lambda c: np.max(np.abs(left[c.rows, rank])))
         return f"joints.{most.name}: what it holds (by {share:.2g} of what others hold)"
 
     @property
@@ -267,7 +270,9 @@ class LoopClosure:
     def _gaps(self, residual: np.ndarray) -> tuple[str, str]:
         """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
         scaled = residual / self._scale
-        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        blame = max(self.mechanism.holders, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        if blame in self.mechanism.couplings:
+            return f"the coupling is {residual[blame.rows][0]:.3g} off", blame.name
         lengths = [np.array([part.is_length for part in c.statements]) for c in self.mechanism.connections]
         apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
         if apart > NO_GAP * self.size:
@@ -309,7 +314,10 @@ class LoopClosure:
         """Return poses as from `close` and how far each is open (n,), below the tolerance where it converged; undriven
         where no theta is given."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
-        closed = np.zeros(poses.shape[2], dtype=bool)
+        closed, known, one = *np.zeros((2, poses.shape[2]), dtype=bool), np.eye(n_rows)
+        # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
+        again = not self.has_redundant and not self.mechanism.space.n_tied
+        inverses = np.empty((poses.shape[2], len(self._units), n_rows)) if again else None
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
@@ -319,9 +327,18 @@ class LoopClosure:
             if not open_ones.size:
                 break
             moving = poses[..., open_ones]
-            step, left = self.newton_step(moving, residual[:, open_ones])
-            gap[open_ones] = self._split(residual[:, open_ones], left)[0]
-            closed[open_ones] = gap[open_ones] < tolerance
+            if inverses is None:
+                step, left = self.newton_step(moving, residual[:, open_ones])
+                gap[open_ones] = self._split(residual[:, open_ones], left)[0]
+                closed[open_ones] = gap[open_ones] < tolerance
+            else:
+                anew = open_ones[~known[open_ones] | (gap[open_ones] > NEAR)]
+                jacobian = self.jacobian(poses[..., anew])[:, :n_rows]
+                inverses[anew] = self._least(poses[..., anew], jacobian, np.broadcast_to(one, (anew.size, *one.shape)))
+                known[:] = False  # J serves once more at most
+                known[anew] = True
+                step = inverses[open_ones] @ residual[:, open_ones].T[..., None]
+                step = np.moveaxis(step[..., 0], 0, -1).reshape(moving.shape)
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
@@ -352,10 +369,11 @@ class LoopClosure:
 def jacobian_of(rows: StatementRows, poses: np.ndarray) -> np.ndarray:
     """Return the derivatives of statements at poses (n_bodies, n_pose, n), shape (n, n_rows, n_pose n_bodies)."""
     unknowns = _unknowns(poses)
-    jacobian = np.zeros((unknowns.shape[1], rows.n, len(unknowns)))
-    of, columns = rows.jacobian_pattern
-    jacobian[:, of, columns] = rows.jacobian_values(unknowns).T
-    return jacobian
+    (of, columns), n = rows.jacobian_pattern, len(unknowns)
+    # terms of a row may have one unknown in common
+    adding = sp.csr_matrix((np.ones(of.size), (n * of + columns, np.arange(of.size))), shape=(rows.n * n, of.size))
+    jacobian = adding @ rows.jacobian_values(unknowns)
+    return np.ascontiguousarray(jacobian.T).reshape(unknowns.shape[1], rows.n, n)
 
 
 def size_of(mechanism: Mechanism) -> float:
@@ -366,10 +384,17 @@ def size_of(mechanism: Mechanism) -> float:
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
 
-    Where J has full column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular
-    values, at ten times the cost, are for the rest.
+    Where J is square and its inverse shows that it is far from singular, the inverse is the answer. Where J has full
+    column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside R; the singular values, at ten
+    times the cost, are for the rest.
     """
     n = jacobian.shape[2]
+    if jacobian.shape[1] == n:
+        with suppress(np.linalg.LinAlgError):  # a pivot is zero
+            inverse = np.linalg.inv(jacobian)
+            sizes = np.linalg.norm(jacobian, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))
+            if np.all(sizes < FAR_FROM_SINGULAR):
+                return inverse @ right
     if jacobian.shape[1] >= n:
         both = np.linalg.qr(np.concatenate([jacobian, right], axis=2), mode="r")
         pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))

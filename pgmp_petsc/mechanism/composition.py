@@ -11,12 +11,14 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Connection, share_position, triad, weld
+from pgmp_petsc.mechanism.joints import Connection, Coupling, share_position, triad, weld
 from pgmp_petsc.mechanism.releases import parted
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
-from pgmp_petsc.scene.joints import Offset
+from pgmp_petsc.scene.joints import CouplingEntry, Offset
 from pgmp_petsc.scene.schema import Scene
 
 GROUND = "ground"
@@ -95,6 +97,36 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     return tuple(connections)
 
 
+def couplings_of(
+    scene: Scene, connections: Sequence[Connection], poses: np.ndarray, known: Sequence[Statement]
+) -> tuple[Coupling, ...]:
+    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
+    n_pose).
+
+    Their statements stand in the order of the scene, but for an angle that is none of those known, which is the last:
+    in space its turn follows from the others.
+    """
+    by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
+    n_pose, couplings = poses.shape[1], []
+    for name, entry in scene.joints.items():
+        if not isinstance(entry, CouplingEntry):
+            continue
+        terms = []
+        for share in entry.shares_in(scene):
+            joint = by_name[share.joint]
+            function = Function.through(share.factor, share.table) if share.table else Function(share.factor)
+            terms.append((joint.measure(share.motion), function, joint.sides))
+        terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
+        combination = Combination(tuple(term[:2] for term in terms))
+        sides = [side for term in terms for side in term[2]]
+        at = [tuple(side.on_pose() for side in sides)]
+        rows = StatementRows([combination], at, lambda k: n_pose * k + np.arange(n_pose), scene.dimension)
+        value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
+        couplings.append(Coupling(name, combination, tuple(sides), value, slice(row, row + 1)))
+        row += 1
+    return tuple(couplings)
+
+
 def _off(scene: Scene, offset: Offset) -> tuple[np.ndarray, np.ndarray]:
     """Return by how much an offset moves a point (d,), m, and what turns its axes, shape (d, d)."""
     place = np.array([scene.number(x) for x in offset.place or (0.0,) * scene.dimension])
@@ -120,6 +152,8 @@ def _held(
     """Yield name, what makes the statements, axes and attachments of the joints, and of the welds of point masses to
     rigid bodies."""
     for name, entry in scene.joints.items():
+        if isinstance(entry, CouplingEntry):
+            continue
         yield (
             name,
             entry.statements,

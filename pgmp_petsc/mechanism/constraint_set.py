@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
+from pgmp_petsc.mechanism.statement_rows import FROM_SUM, ROUND_OFF, StatementRows, near_rows
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
@@ -23,11 +23,14 @@ from pgmp_petsc.mechanism.unknowns import Unknowns
 class ChosenRows:
     """Some constraints that are statements."""
 
-    rows: StatementRows  # the statements, n of them
-    places: np.ndarray  # their places among the chosen constraints, shape (n,)
-    wanted: np.ndarray  # their values, shape (n,), m or 1
+    rows: StatementRows  # the statements, and combinations of them, of n terms
+    #: places of the terms among the chosen constraints, shape (n,)
+    places: np.ndarray
+    wanted: np.ndarray  # the constraints' values, at the first of their terms, zero at others, shape (n,), m or 1
     motions: np.ndarray  # number of the prescribed motion that gives the value instead, or -1, shape (n,)
     of_directors: np.ndarray  # which of them make directors a rotation, shape (n,)
+    #: number of the coordinate that an angle is near to, `FROM_SUM`, or less where nothing is to be known, shape (n,)
+    near: np.ndarray
 
 
 class ConstraintSet:
@@ -143,7 +146,16 @@ class ConstraintSet:
             rows = self._joints
         else:
             rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
-        return ChosenRows(rows, own, wanted, motions, self.of_directors[chosen][own])
+        of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0
+        terms = [term for part, _ in parts for term in part.terms]
+        angles = {c.statement: k for k, c in enumerate(self._unknowns.mechanism.coordinates)}
+        near = near_rows(terms, of, angles)
+        single = np.bincount(of, minlength=1)[of] == 1
+        known = np.array([part in angles for part, _ in terms], dtype=bool)
+        near = np.where(single | (near != FROM_SUM) & ~known, FROM_SUM - 1, near)
+        return ChosenRows(
+            rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of], near
+        )
 
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:
         """Return the place of every tie among chosen constraints, -1 where it is not, shape (n_ties,), and the ties."""

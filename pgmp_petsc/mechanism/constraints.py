@@ -15,7 +15,6 @@ from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_frames import BodyGradients
-from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 
@@ -41,7 +40,7 @@ class ConstraintJacobian:
     """
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        held = [(part, c.sides) for c in mechanism.connections for part in c.held]
+        held = [part for one in mechanism.holders for part in one.holding(moving=True)]
         self._gradients = BodyGradients(mechanism, held + [(c.statement, c.sides) for c in clamped])
         rows, columns = self._gradients.rows, self._gradients.dofs
         self._order = np.lexsort((columns, rows))
@@ -82,7 +81,7 @@ def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
 
 @dataclass(frozen=True, eq=False)
 class ConstraintHessian:
-    """Second derivatives of one joint's constraints in body frames."""
+    """Second derivatives of the constraints of one joint or coupling in body frames."""
 
     rows: slice  # numbers of the constraints, n_c of them
     dofs: np.ndarray  # the nodal unknowns that they depend on, shape (k,)
@@ -99,35 +98,33 @@ class ConstraintHessians:
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
         n_pose = mechanism.space.n_pose
-        self._joints: list[tuple[slice, Connection, list[Attachment], StatementRows]] = []
+        self._joints: list[tuple[slice, list[Attachment], StatementRows]] = []
         first = 0
-        for connection in mechanism.connections:
-            parts = connection.held
+        for joint in mechanism.holders:
+            parts = joint.holding(moving=True)
             numbered = slice(first, first := first + len(parts))
-            moving = [side for side in connection.sides if not side.on_ground]
+            moving = list({side.node: side for side in joint.sides if not side.on_ground}.values())
             numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
             rows = StatementRows(
-                parts,
-                [connection.sides] * len(parts),
+                [part for part, _ in parts],
+                [sides for _, sides in parts],
                 lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(n_pose),
                 mechanism.space.dimension,
             )
             if rows.curvature_pattern[0].size or mechanism.space.n_tied:
-                self._joints.append((numbered, connection, moving, rows))
+                self._joints.append((numbered, moving, rows))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
         """Return them at poses (n_bodies, n_pose)."""
         return [self._of_joint(*joint, poses) for joint in self._joints]
 
     def _of_joint(
-        self, numbered: slice, connection: Connection, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
+        self, numbered: slice, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
     ) -> ConstraintHessian:
         space = self._mechanism.space
         at = [poses[side.body] for side in moving]
         places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, moving)]
-        q = np.concatenate(places)
-        felt = np.repeat([not side.on_ground for side in connection.sides], space.n_pose)
-        slopes, values = rows.gradients(q)[:, felt], rows.hessians(q)[:, felt][:, :, felt]
+        slopes, values = rows.dense(np.concatenate(places))
         turn = block_diag(*(space.frame_gradient(pose) for pose in at))
         curved = turn.T @ values @ turn
         for k, pose in enumerate(at):

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.statements import MEET, Statement, along, angle, meet, perpendicular, within
+from pgmp_petsc.mechanism.statements import (
+    MEET,
+    Combination,
+    Statement,
+    along,
+    angle,
+    meet,
+    perpendicular,
+    within,
+)
 
 if TYPE_CHECKING:
     from pgmp_petsc.mechanism.releases import Release
@@ -95,6 +104,12 @@ class Connection:
         """Whether the two points share their position."""
         return share_position(self.statements)
 
+    def holding(self, moving: bool = False) -> list[tuple[Statement, tuple[Attachment, Attachment]]]:
+        """Return what is zero in the configuration, or in the motion too, with its sides."""
+        if moving:
+            return [(part, self.sides_held) for part in self.held]
+        return [(part, self.sides) for part in self.statements]
+
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""
         return {"turning": self.angle, "sliding": along(self.axes[0][:, 0])}[motion]
@@ -104,3 +119,18 @@ class Connection:
         """How far b is turned against a about the joint's axis; in the plane from where both bodies are parallel, in
         space from where they are assembled."""
         return angle(*self.axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """A named joint that couples the motions of others: a combination of what measures these, which is to be zero."""
+
+    name: str
+    combination: Combination
+    sides: tuple[Attachment, ...]  # of the statements, a pair for each
+    value: float  # that the combination keeps
+    rows: slice
+
+    def holding(self, moving: bool = False) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+        """Return what has its value, in the motion too, with its sides."""
+        return [(self.combination, self.sides)]

@@ -298,7 +298,8 @@ class RigidKinematics:
     def _places(self, axes: Sequence[np.ndarray]) -> list[list[int]]:
         """Return the configurations at which to try the assembly, by their numbers along the axes."""
         lowest = [0] * len(axes)
-        if len(axes) == 1:
+        # what is coupled may be many turns away at the end of the range
+        if len(axes) == 1 and not self.mechanism.couplings:
             return [lowest]
         nearest = []
         for coordinate, axis, value in zip(

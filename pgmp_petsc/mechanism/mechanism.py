@@ -16,10 +16,10 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
-from pgmp_petsc.mechanism.joints import Connection, orthonormality
+from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, couplings_of, first_guess
+from pgmp_petsc.mechanism.joints import Connection, Coupling, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.unit_systems import unit_system
@@ -87,9 +87,10 @@ def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.n
 class Mechanism:
     """Bodies, connections and coordinates of a scene, with their numbering."""
 
-    #: bodies, connections, coordinates: in the order of the scene
+    #: bodies, connections, couplings, coordinates: in the order of the scene
     bodies: tuple[Body, ...]
     connections: tuple[Connection, ...]
+    couplings: tuple[Coupling, ...]
     coordinates: tuple[Coordinate, ...]
     first_guess: np.ndarray  # poses near which the mechanism is assembled, shape (n_bodies, 3)
     #: scene, shapes: the scene and the shapes of its bodies that it was made from
@@ -112,14 +113,19 @@ class Mechanism:
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property
+    def holders(self) -> tuple[Connection | Coupling, ...]:
+        """What holds the mechanism together, in the order of the constraints."""
+        return (*self.connections, *self.couplings)
+
+    @property
     def n_constraints(self) -> int:
         """Number of scalar constraints of the configuration, redundant ones included."""
-        return sum(len(connection.statements) for connection in self.connections)
+        return sum(len(one.holding()) for one in self.holders)
 
     @property
     def n_held(self) -> int:
         """Number of scalar constraints of the motion: without those that elastic joints release."""
-        return sum(len(connection.held) for connection in self.connections)
+        return sum(len(one.holding(moving=True)) for one in self.holders)
 
     @property
     def mass_weights(self) -> tuple[Monomial, ...]:
@@ -178,18 +184,17 @@ class Mechanism:
 
     def holding(
         self, frames: Sequence[Attachment], moving: bool = False
-    ) -> tuple[list[tuple[Statement, tuple[Attachment, Attachment]]], np.ndarray]:
+    ) -> tuple[list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
-        These are the statements of the joints, which are zero, and in space those that make the directors of `frames` a
-        rotation: of its bodies' poses, or of all nodes. Elastic joints are locked and none is off, as in the
-        configuration; `moving` is without what they release, and about joints where they are.
+        These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
+        statements that make the directors of `frames` a rotation: of its bodies' poses, or of all nodes. Elastic joints
+        are locked and none is off, as in the configuration; `moving` is without what they release, and about joints
+        where they are.
         """
-        if moving:
-            held = [(part, c.sides_held) for c in self.connections for part in c.held]
-        else:
-            held = [(part, c.sides) for c in self.connections for part in c.statements]
+        held = [part for one in self.holders for part in one.holding(moving)]
         values = np.zeros(len(held))
+        values[len(held) - len(self.couplings) :] = [coupling.value for coupling in self.couplings]
         if self.space is SPATIAL:
             ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
             held += [(part, (ground, frame)) for frame in frames for part in parts]
@@ -250,7 +255,8 @@ class Mechanism:
             rest = (*entry.range, entry.periodic, name in prescribed, joint, unit)
             coordinates.append(Coordinate(name, statement, sides, *rest))
         coordinates = tuple(coordinates)
-        return cls(bodies, connections, coordinates, guess, scene, shapes)
+        couplings = couplings_of(scene, connections, guess, [c.statement for c in coordinates])
+        return cls(bodies, connections, couplings, coordinates, guess, scene, shapes)
 
 
 def _prescribed(scene: Scene) -> set[str]:

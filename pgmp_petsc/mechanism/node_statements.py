@@ -3,6 +3,8 @@
 A point at the arm X of a node has the frame ``p = r + sum_k X_k d_k`` with the node's directors d_k. The unknowns of a
 node are its frame in natural coordinates, or in the plane ``(x, y, phi)``, with ``d d_k / d phi = J d_k``, J a right
 angle's rotation. The pose of a rigid body is such a node, with the arm from the body's origin.
+
+What is evaluated is a function ``f(s)`` of the statement (`statements.Function`), with f' g and ``f' h + f'' g g^T``.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from numba import types
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.statements import ANGLE, MEET, Statement, U, V, W, evaluate, n_frame
+from pgmp_petsc.mechanism.statements import ANGLE, IDENTITY, MEET, Function, Statement, U, V, W, evaluate, n_frame
 
 PLANAR = 3  # unknowns of a node in the plane
 
@@ -28,12 +30,23 @@ class NodeStatements(NamedTuple):
     arms: np.ndarray  # from the nodes of both sides to the points, in the frames of the nodes, shape (n, 2, d), m
     ground: np.ndarray  # frames of sides on the ground, zero for others, shape (n, 2 d (d + 1))
     on_ground: np.ndarray  # which sides are, shape (n, 2)
+    factors: np.ndarray  # of the functions, shape (n,)
+    #: first piece of the spline of each (n + 1,), where every piece begins and ends, shape (n_pieces, 2), and its
+    #: coefficients, shape (n_pieces, 4)
+    pieces: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @classmethod
     def of(
-        cls, parts: Sequence[Statement], sides: Sequence[tuple[Attachment, Attachment]], dimension: int
+        cls,
+        parts: Sequence[Statement],
+        sides: Sequence[tuple[Attachment, Attachment]],
+        dimension: int,
+        functions: Sequence[Function] | None = None,
     ) -> NodeStatements:
-        """Make them of statements in 2 or 3 dimensions and the attachments that they are about."""
+        """Make them of statements in 2 or 3 dimensions, the attachments that they are about, and functions of them."""
+        functions = [IDENTITY] * len(parts) if functions is None else functions
+        lengths = [len(function.coefficients) for function in functions]
+        spans = [np.stack([one.breaks[:-1], one.breaks[1:]], axis=1) for one in functions if one.breaks.size]
         every = [side for pair in sides for side in pair]
         ground = np.zeros((len(every), n_frame(dimension)))
         for side, frame in zip(every, ground):
@@ -45,6 +58,12 @@ class NodeStatements(NamedTuple):
             np.array([side.arm for side in every]).reshape(-1, 2, dimension),
             ground.reshape(-1, 2 * n_frame(dimension)),
             np.array([side.on_ground for side in every], dtype=bool).reshape(-1, 2),
+            np.array([function.factor for function in functions], dtype=float),
+            (
+                np.cumsum([0, *lengths]),
+                np.concatenate([*spans, np.zeros((0, 2))]),
+                np.concatenate([np.zeros((0, 4)), *(function.coefficients for function in functions)]),
+            ),
         )
 
 
@@ -67,7 +86,7 @@ def scratch_of(statements, m):
 
 @njit(cache=True, apart=types.float64, error_model="numpy")
 def state(statements, k, y, known, second, scratch, g, h):
-    """Evaluate a statement in the unknowns of its two nodes.
+    """Evaluate the function of a statement in the unknowns of its two nodes.
 
     Parameters
     ----------
@@ -87,15 +106,47 @@ def state(statements, k, y, known, second, scratch, g, h):
     Returns
     -------
     float
-        s, m, 1 or rad.
+        ``f(s)``; of s itself m, 1 or rad.
     """
     if y.size == 2 * PLANAR and _is_linear(statements, k):
-        return _linear(statements, k, y, second, g, h)
-    z, gradient, hessian, spare, half = scratch
-    _place(statements, k, y, z)
-    s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian, spare)
-    _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
+        s = _linear(statements, k, y, second, g, h)
+    else:
+        z, gradient, hessian, spare, half = scratch
+        _place(statements, k, y, z)
+        s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian, spare)
+        _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
+    first, last = statements.pieces[0][k], statements.pieces[0][k + 1]
+    if statements.factors[k] != 1.0 or last > first:
+        s = _of(statements, k, first, last, s, second, g, h)
     return s
+
+
+@njit(cache=True, error_model="numpy")
+def _of(statements, k, first, last, s, second, g, h):
+    """Return the function of a statement s, and turn derivatives of s into its own."""
+    factor, spans, coefficients = statements.factors[k], statements.pieces[1], statements.pieces[2]
+    value, slope, bend = factor * s, factor, 0.0
+    if last > first:
+        begin = spans[first, 0]
+        period = spans[last - 1, 1] - begin
+        within = s - period * np.floor((s - begin) / period)
+        while last - first > 1:
+            middle = (first + last) // 2
+            if within >= spans[middle, 0]:
+                first = middle
+            else:
+                last = middle
+        x, c = within - spans[first, 0], coefficients[first]
+        value = factor * (c[0] + x * (c[1] + x * (c[2] + x * c[3])))
+        slope = factor * (c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
+        bend = factor * (2.0 * c[2] + x * 6.0 * c[3])
+    if second:
+        for i in range(g.size):
+            for j in range(g.size):
+                h[i, j] = slope * h[i, j] + bend * g[i] * g[j]
+    for i in range(g.size):
+        g[i] *= slope
+    return value
 
 
 @njit(inline="always")

@@ -1,12 +1,16 @@
 """Statements about pairs of nodes as rows of a system of equations: values, derivatives on fixed patterns, drift.
 
-Trailing axes of the unknowns (samples, configurations) are kept.
+A row is a statement, or a combination of functions of several (`statements.Combination`). Its terms add up, and have
+their derivatives each in the unknowns of two nodes: patterns list them term by term. In space the turn of an angle
+among them is that of the angle's own row, where there is one, or else the one with which the sum is nearest to its
+value. Trailing axes of the unknowns (samples, configurations) are kept.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,21 +19,22 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
+FROM_SUM = -1  # of an angle that is near to what the other terms leave of its row's value
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere
 
 
 class StatementRows:
-    """Statements about pairs of nodes, one a row.
+    """Statements about pairs of nodes, one a row, or combinations of them.
 
     Parameters
     ----------
     parts
-        The statements.
+        The statements or combinations.
     sides
-        Their attachments.
+        Their attachments, a pair for each term.
     node_dofs
         From a node to the unknowns that its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates.
     dimension
@@ -39,12 +44,15 @@ class StatementRows:
     ----------
     n
         Number of rows.
+    row_of
+        Row of every term, increasing, shape (n_terms,).
     compiled
         The rows as compiled functions take them.
     dofs
-        Unknowns of both nodes, -1 on the ground, shape (n, 2 m).
+        Unknowns of both nodes of each term, -1 on the ground, shape (n_terms, 2 m).
     jacobian_pattern
-        Rows and unknowns of the first derivatives that are not zero everywhere, each of shape (n_entries,).
+        Rows and unknowns of the first derivatives of terms that are not zero everywhere, each of shape (n_entries,).
+        What repeats a pair is added.
     curvature_pattern
         Rows and columns among all unknowns of the second derivatives of all rows that are not, one of each symmetric
         pair, each of shape (n_curved,). Rows repeat a pair.
@@ -52,16 +60,24 @@ class StatementRows:
 
     def __init__(
         self,
-        parts: Sequence[Statement],
-        sides: Sequence[tuple[Attachment, Attachment]],
+        parts: Sequence[Statement | Combination],
+        sides: Sequence[tuple[Attachment, ...]],
         node_dofs: Callable[[int], np.ndarray],
         dimension: int,
     ) -> None:
         self.n = len(parts)
-        self.statements = NodeStatements.of(parts, sides, dimension)
+        terms = [term for part in parts for term in part.terms]
+        self.row_of = np.repeat(np.arange(self.n), [len(part.terms) for part in parts])
+        every = [side for own in sides for side in own]
+        own = [part for part, _ in terms], list(zip(every[::2], every[1::2])), dimension
+        self.statements = NodeStatements.of(*own, [function for _, function in terms])
+        # derivatives of functions may be zero at some place, as those of a cam that dwells
+        self._generic = NodeStatements.of(*own, [function.generic for _, function in terms])
         grounded = np.full(node_dofs(0).size, -1)
-        dofs = [[grounded if side.on_ground else node_dofs(side.node) for side in pair] for pair in sides]
-        self.dofs = np.array(dofs, dtype=np.int64).reshape(self.n, 2 * grounded.size)
+        dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
+        angles = {part: row for row, part in enumerate(parts) if isinstance(part, Statement) and part.kind == ANGLE}
+        self.near = near_rows(terms, self.row_of, angles)
+        self.dofs = np.array(dofs, dtype=np.int64).reshape(len(terms), 2 * grounded.size)
         self._compile()
 
     def values(self, q: np.ndarray, known: np.ndarray | float = 0.0) -> np.ndarray:
@@ -73,12 +89,32 @@ class StatementRows:
         return self._evaluated(VALUES, self.n, q, known)
 
     def gradients(self, q: np.ndarray) -> np.ndarray:
-        """Return the first derivatives in the unknowns of `dofs`, shape (n, 2 m, ...)."""
+        """Return the first derivatives of terms in the unknowns of `dofs`, shape (n_terms, 2 m, ...)."""
         return self._everything(SLOPES, q).reshape(*self.dofs.shape, *q.shape[1:])
 
     def hessians(self, q: np.ndarray) -> np.ndarray:
-        """Return the second derivatives in the unknowns of `dofs`, shape (n, 2 m, 2 m, ...)."""
+        """Return the second derivatives of terms in the unknowns of `dofs`, shape (n_terms, 2 m, 2 m, ...)."""
         return self._everything(CURVATURES, q).reshape(*self.dofs.shape, self.dofs.shape[1], *q.shape[1:])
+
+    def dense(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return all first and second derivatives of the rows, shapes (n, n_dofs) and (n, n_dofs, n_dofs), at unknowns
+        (n_dofs,)."""
+        slopes, bends = np.zeros((self.n, q.size)), np.zeros((self.n, q.size, q.size))
+        for row, dofs, gradient, hessian in zip(self.row_of, self.dofs, self.gradients(q), self.hessians(q)):
+            felt = dofs >= 0
+            slopes[row, dofs[felt]] += gradient[felt]
+            bends[row][np.ix_(dofs[felt], dofs[felt])] += hessian[np.ix_(felt, felt)]
+        return slopes, bends
+
+    def second_along(self, q: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Return the second derivatives along pairs of directions (n_dofs, k, n), shape (n, n_rows, k, k), at unknowns
+        (n_dofs, n)."""
+        moving = ways[self.dofs]
+        moving[self.dofs < 0] = 0.0
+        of_terms = np.einsum("cijn,cikn,cjln->cnkl", self.hessians(q), moving, moving, optimize=True)
+        found = np.zeros((self.n, *of_terms.shape[1:]))
+        np.add.at(found, self.row_of, of_terms)
+        return np.moveaxis(found, 1, 0)
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
@@ -123,36 +159,54 @@ class StatementRows:
     @cached_property
     def _all(self) -> Rows:
         """Return the rows with every derivative on their patterns, none of them known beforehand."""
-        width = self.dofs.shape[1]
-        everyone, columns = np.arange(self.n), np.tile(np.arange(width), self.n)
-        pairs = np.tile(np.indices((width, width)).reshape(2, -1), self.n)
+        n, width = self.dofs.shape
+        everyone, columns = np.arange(n), np.tile(np.arange(width), n)
+        pairs = np.tile(np.indices((width, width)).reshape(2, -1), n)
         return Rows(
-            self.statements, self.dofs, everyone[:0], everyone, np.zeros(self.n),
-            (width * np.arange(self.n + 1), columns, self.dofs.ravel()), np.zeros(columns.size),
-            (width**2 * np.arange(self.n + 1), *np.ascontiguousarray(pairs)),
+            self.statements, self.dofs, self.row_of, self.near, everyone[:0], everyone, np.zeros(n),
+            (width * np.arange(n + 1), columns, self.dofs.ravel()), np.zeros(columns.size),
+            (width**2 * np.arange(n + 1), *np.ascontiguousarray(pairs)),
         )  # fmt: skip
 
     def _compile(self) -> None:
         """Find what is not zero at a place that no mechanism comes to, and what is the same everywhere."""
-        n_dofs = self.dofs.max(initial=0) + 1
+        n_dofs, n = self.dofs.max(initial=0) + 1, len(self.dofs)
         generic, at_zero = np.random.default_rng(0).normal(size=(n_dofs, 2)), np.zeros((n_dofs, 1))
-        gradients, hessians = self.gradients(generic), self.hessians(generic)
+        with self.bent_functions():
+            gradients, hessians = self.gradients(generic), self.hessians(generic)
         moving = self.dofs >= 0
         lower = (self.dofs[:, :, None] >= self.dofs[:, None, :]) & moving[:, :, None] & moving[:, None, :]
         curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
         first = (np.abs(gradients).max(axis=-1, initial=0.0) > ROUND_OFF) & moving
-        rows, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
-        entries = _starts(rows, self.n), columns, self.dofs[rows, columns]
-        self.jacobian_pattern = rows, entries[2]
-        rows, i, j = np.array(np.nonzero(curved & lower))
-        self.curvature_pattern = self.dofs[rows, i], self.dofs[rows, j]
-        # linear rows are their value at zero and their slopes there
-        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all).ravel()
+        terms, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
+        entries = _starts(terms, n), columns, self.dofs[terms, columns]
+        self.jacobian_pattern = self.row_of[terms], entries[2]
+        terms, i, j = np.array(np.nonzero(curved & lower))
+        self.curvature_pattern = self.dofs[terms, i], self.dofs[terms, j]
+        # linear terms are their value at zero and their slopes there
+        alone = self._all._replace(row_of=np.arange(n))
+        constants = self._evaluated(VALUES, n, at_zero, np.zeros((n, 1)), rows=alone).ravel()
         self.compiled = Rows(
-            self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), constants, entries,
-            self.gradients(at_zero)[..., 0][first], (_starts(rows, self.n), i, j),
+            self.statements, self.dofs, self.row_of, self.near, np.flatnonzero(~bent), np.flatnonzero(bent),
+            constants, entries, self.gradients(at_zero)[..., 0][first], (_starts(terms, n), i, j),
         )  # fmt: skip
+
+    @contextmanager
+    def bent_functions(self) -> Iterator[None]:
+        """Put functions whose derivatives are zero nowhere in the places of those of all terms."""
+        own, self.statements = self.statements, self._generic
+        compiled = self.__dict__.get("compiled")
+        if compiled is not None:
+            self.compiled = compiled._replace(statements=self._generic)
+        self.__dict__.pop("_all", None)
+        try:
+            yield
+        finally:
+            self.statements = own
+            if compiled is not None:
+                self.compiled = compiled
+            self.__dict__.pop("_all", None)
 
 
 class Rows(NamedTuple):
@@ -161,15 +215,31 @@ class Rows(NamedTuple):
     #: statements, dofs: as in `StatementRows`
     statements: NodeStatements
     dofs: np.ndarray
-    #: linear, bent: numbers of the rows that are linear in the unknowns, and of the others
+    row_of: np.ndarray  # the row that each term adds to, shape (n_terms,)
+    near: np.ndarray  # the row whose value an angle is near to, or `FROM_SUM`, shape (n_terms,)
+    #: linear, bent: numbers of the terms that are linear in the unknowns, and of the others
     linear: np.ndarray
     bent: np.ndarray
-    constants: np.ndarray  # values where all unknowns are zero, shape (n,)
-    #: first entry of each row (n + 1,) on the pattern of first derivatives, column in `dofs` and unknown of each
+    constants: np.ndarray  # values where all unknowns are zero, shape (n_terms,)
+    #: first entry of each term (n_terms + 1,) on the pattern of first derivatives, column in `dofs` and unknown of each
     entries: tuple[np.ndarray, np.ndarray, np.ndarray]
     slopes: np.ndarray  # first derivatives there where all unknowns are zero, shape (n_entries,)
-    #: first entry of each row (n + 1,) on the pattern of second derivatives, and its two columns in `dofs`
+    #: first entry of each term (n_terms + 1,) on the pattern of second derivatives, and its two columns in `dofs`
     curved: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def near_rows(
+    terms: Sequence[tuple[Statement, Function]], row_of: np.ndarray, angles: Mapping[Statement, int]
+) -> np.ndarray:
+    """Return for every term the number that `angles` have of its statement, `FROM_SUM` of the only angle in its row
+    that they do not have, and its row for all others, shape (n_terms,)."""
+    near = row_of.copy()
+    alone = np.bincount(row_of)[row_of] == 1 if row_of.size else row_of > 0
+    for k, (part, function) in enumerate(terms):
+        if not alone[k] and part.kind == ANGLE:
+            # a spline repeats itself with every turn
+            near[k] = angles.get(part, near[k] if function.breaks.size else FROM_SUM)
+    return near
 
 
 def _starts(rows: np.ndarray, n: int) -> np.ndarray:
@@ -198,12 +268,12 @@ def _evaluate(what, rows, q, rates, known, result):
     for k in rows.linear:
         if what == VALUES:
             for sample in range(n_samples):
-                result[k, sample] = rows.constants[k]
+                result[rows.row_of[k], sample] += rows.constants[k]
         for entry in range(starts[k], starts[k + 1]):
             slope = rows.slopes[entry]
             for sample in range(n_samples):
                 if what == VALUES:
-                    result[k, sample] += slope * q[unknowns[entry], sample]
+                    result[rows.row_of[k], sample] += slope * q[unknowns[entry], sample]
                 elif what == SLOPES:
                     result[entry, sample] = slope
     scratch, y, g = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width)
@@ -213,26 +283,30 @@ def _evaluate(what, rows, q, rates, known, result):
         for sample in range(n_samples):
             for i in range(width):
                 y[i] = q[rows.dofs[k, i], sample] if rows.dofs[k, i] >= 0 else 0.0
-            near = known[k, sample] if what == VALUES else 0.0
+            near = 0.0
+            if what == VALUES:
+                own, of = rows.row_of[k], rows.near[k]
+                left = (known[own, sample] - result[own, sample]) / rows.statements.factors[k]
+                near = left if of == FROM_SUM else known[of, sample]
             s = state(rows.statements, k, y, near, second, scratch, g, h)
             if what == VALUES:
-                result[k, sample] = s
+                result[rows.row_of[k], sample] += s
             elif what == SLOPES:
                 for entry in range(starts[k], starts[k + 1]):
                     result[entry, sample] = g[columns[entry]]
             elif what == CURVATURES:
                 for entry in range(curved_starts[k], curved_starts[k + 1]):
-                    result[entry, sample] = known[k, sample] * h[one[entry], other[entry]]
+                    result[entry, sample] = known[rows.row_of[k], sample] * h[one[entry], other[entry]]
             else:
                 for i in range(width):
                     for j in range(width):
                         if h[i, j] != 0.0:
                             turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
-                            result[k, sample] += h[i, j] * turning
+                            result[rows.row_of[k], sample] += h[i, j] * turning
 
 
 @njit(inline="always")
 def _rate(rows, k, i, rates, sample):
-    """Return the rate of the unknown i of a row, zero on the ground."""
+    """Return the rate of the unknown i of a term, zero on the ground."""
     dof = rows.dofs[k, i]
     return rates[dof, sample] if dof >= 0 else 0.0

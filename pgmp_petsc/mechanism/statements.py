@@ -4,12 +4,13 @@ A frame is ``zeta = (p, d_1 .. d_d)``, a position and the directors of a body: 6
 directions ``u_a = sum_k u_k d_k`` that are fixed in a frame, a statement s of two frames a and b is one of `KINDS`. Its
 gradient and second derivatives in the 2 d (d + 1) numbers of both frames are printed from the expression
 (`statement_kinds`), in compiled code and in C. Zero is what a joint demands; a law of s and s' (`effects.laws`) is a
-force on it.
+force on it. What couples several is a `Combination` of functions of them, each about two frames of its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,12 +38,60 @@ evaluate = CODE.evaluate
 
 
 @dataclass(frozen=True, eq=False)
+class Function:
+    """A function f of a statement s: a factor times s, or times a cubic spline of s that closes on itself.
+
+    On piece k, from ``x = breaks[k]`` on, the spline is ``sum_j coefficients[k, j] (s - x)^j``, of s within the period
+    that the breaks span.
+    """
+
+    factor: float = 1.0
+    breaks: np.ndarray = field(default_factory=lambda: np.zeros(0))  # shape (n + 1,), rad; none where it is linear
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # shape (n, 4)
+
+    @classmethod
+    def through(cls, factor: float, table: Sequence[tuple[float, float]]) -> Function:
+        """Return a factor times the spline through points, the last of which is the first one after a period."""
+        from scipy.interpolate import CubicSpline  # for cams alone
+
+        x, y = np.array(table, dtype=float).T
+        found = CubicSpline(x, np.append(y[:-1], y[0]), bc_type="periodic")
+        return cls(factor, x, np.ascontiguousarray(found.c[::-1].T))
+
+    @property
+    def generic(self) -> Function:
+        """A function none of whose derivatives is zero where this one's may be other than zero."""
+        bent = np.tile([0.0, 1.0, 1.0, 0.0], (len(self.coefficients), 1))
+        return Function(1.0, self.breaks, bent)
+
+
+IDENTITY = Function()
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """``sum_i f_i(s_i)`` of statements, each about a pair of frames of its own, one pair after the other."""
+
+    terms: tuple[tuple[Statement, Function], ...]
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it is measured in m, as its first term is."""
+        return self.terms[0][0].is_length
+
+
+@dataclass(frozen=True, eq=False)
 class Statement:
     """A statement about two frames."""
 
     kind: int  # its number among `KINDS`
     #: the directions u, v and w, shape (3, d), in the frames that the kind says; zero where it has none
     axes: np.ndarray
+
+    @property
+    def terms(self) -> tuple[tuple[Statement, Function], ...]:
+        """Itself, as the only term of a `Combination`."""
+        return ((self, IDENTITY),)
 
     @property
     def is_length(self) -> bool:

@@ -423,6 +423,14 @@ Inertia = Annotated[
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
 Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]
+#: Names of two joints.
+TwoNames = Annotated[
+    tuple[Name, Name],
+    _needed(
+        'the names of two joints in brackets are needed, such as ["input", "output"]',
+        lambda value: _is_list(value, 2) and all(isinstance(name, str) for name in value),
+    ),
+]
 #: "body:point" or "ground:point".
 Point = Annotated[
     str,

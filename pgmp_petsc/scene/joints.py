@@ -6,13 +6,15 @@ A joint is one class: its entries, what it holds, and what it leaves free. The j
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
+from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
 from pgmp_petsc.scene.fields import (
     Connection,
@@ -173,11 +175,9 @@ class Ground(Table):
         return points
 
 
-class JointEntry(Table):
-    """A table ``[joints.NAME]``. A joint is a subclass with ``type: Literal["..."]``, its entries, and `statements`.
-
-    It holds two points of different bodies, or of a body and the ground.
-    """
+class JointTable(Table):
+    """A table ``[joints.NAME]``: a joint that holds two points (`JointEntry`), or one that couples the motions of
+    others (`CouplingEntry`)."""
 
     #: Where it can be: 2 in the plane, 3 in space.
     dimensions: ClassVar[tuple[int, ...]]
@@ -186,6 +186,33 @@ class JointEntry(Table):
     motions: ClassVar[tuple[str, ...]] = ()
     #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
     also_in_plane: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def motions_in(cls, dimension: int) -> tuple[str, ...]:
+        """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
+        return cls.motions + (cls.also_in_plane if dimension == 2 else ())
+
+    def motion_of(self, said: str | None, allowed: Sequence[str], dimension: int) -> str | None:
+        """Return the one of the allowed motions that an entry means that says one, or none; None where it has to."""
+        free = [one for one in self.motions if one in allowed]
+        free = free or [one for one in self.motions_in(dimension) if one in allowed]
+        return said or (free[0] if len(free) == 1 else None)
+
+    def n_constraints(self, dimension: int) -> int:
+        """Return the number of statements in the plane or in space."""
+        raise NotImplementedError
+
+    def problems(self, scene: Scene, name: str) -> Iterator[str]:
+        """Yield a line for each entry that does not fit the rest of the scene."""
+        yield from ()
+
+
+class JointEntry(JointTable):
+    """A table ``[joints.NAME]``. A joint is a subclass with ``type: Literal["..."]``, its entries, and `statements`.
+
+    It holds two points of different bodies, or of a body and the ground.
+    """
+
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
     elastic: Elastic | None = Field(None, description="how it gives way in the directions that it holds")
     offset: Offset | None = Field(
@@ -222,17 +249,6 @@ class JointEntry(Table):
         of["description"] = f"{of['description']} {where.capitalize()}{free}."
         return found
 
-    @classmethod
-    def motions_in(cls, dimension: int) -> tuple[str, ...]:
-        """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
-        return cls.motions + (cls.also_in_plane if dimension == 2 else ())
-
-    def motion_of(self, said: str | None, allowed: Sequence[str], dimension: int) -> str | None:
-        """Return the one of the allowed motions that an entry means that says one, or none; None where it has to."""
-        free = [one for one in self.motions if one in allowed]
-        free = free or [one for one in self.motions_in(dimension) if one in allowed]
-        return said or (free[0] if len(free) == 1 else None)
-
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
         """Directions that say how the joint stands, in the frame of the first point's owner: none, one or two."""
@@ -261,16 +277,101 @@ class JointEntry(Table):
         """
         return ""
 
+
+@dataclass(frozen=True)
+class Share:
+    """What the motion of one joint has in a coupling: a factor, and the points of a spline (rad, and rad or m) that
+    the factor is of, where it is not of the motion itself."""
+
+    joint: str
+    motion: str | None  # turning or sliding; None where the joint has both and the scene says neither
+    entry: str  # that names the joint, behind the coupling's own name
+    factor: float
+    table: tuple[tuple[float, float], ...] = ()
+
+
+class CouplingEntry(JointTable):
+    """A table ``[joints.NAME]`` that couples the motions of other joints: the sum of its shares keeps its value.
+
+    A coupling is a subclass with ``type: Literal["..."]``, its entries, and `shares`.
+    """
+
+    #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
+    from_placements: ClassVar[bool] = True
+    elastic: ClassVar[None] = None
+    offset: ClassVar[None] = None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
+        if JOINTS.take(cls) and cls.shares is CouplingEntry.shares:
+            raise refuse(cls, "a coupling has the method shares(self, motion), which returns what it couples")
+
+    @property
+    def connect(self) -> tuple[str, ...]:
+        """The points that it holds: none."""
+        return ()
+
+    def n_constraints(self, dimension: int) -> int:
+        """Return 1, the sum."""
+        return 1
+
+    def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
+        """Return what is added; `motion` gives that of a joint by its name, of several the one that is said."""
+        raise NotImplementedError
+
+    def shares_in(self, scene: Scene) -> list[Share]:
+        """Return what is added in a scene whose joints it has."""
+
+        def motion(joint: str, said: str | None = None) -> str | None:
+            found = scene.joints.get(joint)
+            return said if found is None else found.motion_of(said, MEASURED, scene.dimension)
+
+        return self.shares(motion)
+
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line for each entry that does not fit the rest of the scene."""
-        yield from ()
+        """Yield a line for each joint that there is not, or that does not move as is needed."""
+        found = self.shares_in(scene)
+        for share in found:
+            entry, joint = f"joints.{name}.{share.entry}", scene.joints.get(share.joint)
+            moving = [other for other, one in scene.joints.items() if {*one.motions_in(scene.dimension)} & {*MEASURED}]
+            if joint is None:
+                yield problem(entry, f"there is no such joint{nearest_name(share.joint, moving)}", share.joint)
+                continue
+            free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
+            if share.motion is None and len(free) > 1:
+                words = f"{share.joint} is {joint.type}, which turns and slides; couple it by a gear, a rack or a screw"
+                yield problem(entry, words, share.joint)
+            elif share.motion not in free:
+                needed = (
+                    f"a joint that has the motion {share.motion}" if share.motion else "a joint that turns or slides"
+                )
+                moves = f"this one is {joint.type}" + (f", which has {' and '.join(free)}" if free else "")
+                yield problem(entry, f"{needed} is needed; {moves}", share.joint)
+        if scene.dimension == 3:
+            yield from self._turns_unknown(scene, name, found)
+        moved = [(share.joint, share.motion) for share in found]
+        for k, share in enumerate(found):
+            if moved[k] in moved[:k]:
+                yield problem(f"joints.{name}.{share.entry}", "the same joint is named twice", share.joint)
+
+    def _turns_unknown(self, scene: Scene, name: str, found: Sequence[Share]) -> Iterator[str]:
+        """Yield a line if turns of more than one angle are not known: directors tell angles up to turns."""
+        known = {one.joint for one in scene.coordinates.values() if one.motion != "sliding"}
+        turning = [share for share in found if share.motion == "turning" and not share.table]
+        loose = [share for share in turning if share.joint not in known]
+        if len(loose) > 1:
+            words = (
+                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of "
+                f"coordinates; couple each of these with one: {', '.join(share.joint for share in loose)}"
+            )
+            yield problem(f"joints.{name}.{loose[0].entry}", words)
 
 
 #: A table of ``[joints]``.
-Joint = Annotated[JointEntry, Found(JOINTS)]
+Joint = Annotated[JointTable, Found(JOINTS)]
 
 
-def joints_with(*motions: str, dimension: int) -> tuple[type[JointEntry], ...]:
+def joints_with(*motions: str, dimension: int) -> tuple[type[JointTable], ...]:
     """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
     kinds = (kind for kind in JOINTS.found() if dimension in kind.dimensions)
     return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions_in(dimension)))

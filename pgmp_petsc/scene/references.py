@@ -38,7 +38,7 @@ from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, split_point
-from pgmp_petsc.scene.joints import MEASURED, joints_with
+from pgmp_petsc.scene.joints import MEASURED, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry
 from pgmp_petsc.scene.uses import Use, ordered_ends, slides, uses_of
@@ -426,7 +426,7 @@ def _joints(scene: Scene) -> Iterator[str]:
         owners = [split_point(point)[0] for point in joint.connect]
         for point in joint.connect:
             yield from point_problems(scene, entry, point, ground_allowed=True)
-        if owners[0] == owners[1]:
+        if owners and owners[0] == owners[1]:
             yield problem(
                 entry,
                 f"a joint connects two different bodies, or a body and the ground; both points are on {owners[0]}",
@@ -434,7 +434,12 @@ def _joints(scene: Scene) -> Iterator[str]:
             )
         if scene.dimension not in joint.dimensions:
             here, elsewhere = ("in the plane", "in space")[:: 1 if scene.dimension == 2 else -1]
-            kinds = (one for one, kind in zip(JOINTS.names, JOINTS.found()) if scene.dimension in kind.dimensions)
+            alike = JointEntry if isinstance(joint, JointEntry) else CouplingEntry
+            kinds = (
+                one
+                for one, kind in zip(JOINTS.names, JOINTS.found())
+                if scene.dimension in kind.dimensions and issubclass(kind, alike)
+            )
             words = f"for mechanisms {elsewhere} (allowed {here}: {', '.join(kinds)})"
             yield problem(f"joints.{name}.type", words, joint.type)
         else:

@@ -161,7 +161,7 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     redundant = f", {n_redundant} of them redundant" if n_redundant else ""
     if n_rigid != n_redundant:
         redundant += f", {n_rigid} redundant for rigid bodies"
-    names = ", ".join(connection.name for connection in mechanism.connections)
+    names = ", ".join(one.name for one in mechanism.holders)
     lines = [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
     for connection in mechanism.connections:
         if connection.released:

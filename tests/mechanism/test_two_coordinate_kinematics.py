@@ -5,6 +5,7 @@ import pytest
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.closure import _solved
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from scenes import kinematics_of, slider_crank
 
@@ -51,6 +52,22 @@ def test_a_five_bar_follows_its_closed_form(linkage: RigidKinematics) -> None:
     poses = linkage.poses(THETA)
     np.testing.assert_allclose(poses[:2, 2], THETA.T, rtol=0, atol=1e-11)
     np.testing.assert_allclose(linkage.residual(poses, THETA), 0.0, rtol=0, atol=2e-12)
+
+
+def test_a_loop_closes_alike_alone_and_among_others(linkage: RigidKinematics) -> None:
+    together = linkage.poses(THETA)
+    for k in range(0, len(THETA), 7):
+        np.testing.assert_array_equal(linkage.poses(THETA[k : k + 1])[..., 0], together[..., k])
+
+
+def test_a_step_near_a_singular_configuration_is_the_least() -> None:
+    """Well-conditioned, almost singular and singular square Jacobians, by numpy's least squares."""
+    jacobian, right = np.random.default_rng(1).normal(size=(2, 6, 6)), np.ones((2, 6, 1))
+    for pivot in (1.0, 1e-7, 0.0):
+        jacobian[1, 5] = pivot * jacobian[1, 5] + jacobian[1, 4]
+        expected = np.array([np.linalg.lstsq(j, r, rcond=1e-10)[0] for j, r in zip(jacobian, right)])
+        # digits that a condition of 1e8 takes off 1e-16
+        np.testing.assert_allclose(_solved(jacobian, right), expected, rtol=1e-7)
 
 
 def test_couplers_come_back_after_a_turn_of_either_crank(linkage: RigidKinematics) -> None:

@@ -94,19 +94,50 @@ static void frame_of_point(const struct side *side, double poses[N_BODIES][N_POS
         for (int c = 0; c < D; c++) z[c] += side->point[j] * body[D + D * j + c];
 }
 
+/* Value of a term of a measure s, and what its derivative is times that of s. */
+static double of_term(const struct term *term, double s, double *slope) {
+    const struct spline_piece *piece = spline_pieces + term->first;
+    *slope = term->factor;
+    if (!term->n_pieces) return term->factor * s;
+    double period = piece[term->n_pieces - 1].end - piece->begin, x = s - period * floor((s - piece->begin) / period);
+    for (int k = 1; k < term->n_pieces && x >= piece[1].begin; k++) piece++;
+    const double *c = piece->cubic;
+    x -= piece->begin;
+    *slope *= c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]);
+    return term->factor * (c[0] + x * (c[1] + x * (c[2] + x * c[3])));
+}
+
+/* Adds the derivatives of a statement times a factor to those in the poses, and returns its value. */
+static double add_statement(const struct statement *s, double near, double poses[N_BODIES][N_POSE],
+                            const struct term *term, double row[N_UNKNOWNS]) {
+    double z[2 * N_FRAME], bodies[2][N_FRAME], gradient[2 * N_FRAME], slope = 1.0;
+    frame_of_point(&s->a, poses, bodies[0], z);
+    frame_of_point(&s->b, poses, bodies[1], z + N_FRAME);
+#if D == 2 /* angles count turns with the bodies */
+    if (term && s->kind == ANGLE)
+        near = (s->b.body < 0 ? 0.0 : poses[s->b.body][2]) - (s->a.body < 0 ? 0.0 : poses[s->a.body][2]);
+#endif
+    double value = evaluate_statement(s, z, near, gradient, 0);
+    if (term) value = of_term(term, value, &slope);
+    for (int i = 0; i < 2 * N_FRAME; i++) gradient[i] *= slope;
+    if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
+    if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);
+    return value;
+}
+
 /* One Newton step, of the normal equations; lengths are in units of the mechanism's size. */
 static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
-    static const int n_rows = N_CLOSURE;
+    static const int n_rows = N_CLOSURE, n_terms = N_CLOSURE_TERMS;
     double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0}, largest = 0.0;
-    for (int number = 0; number < n_rows + R; number++) {
-        const struct statement *s = number < n_rows ? closure + number : coordinates + number - n_rows;
+    for (int number = 0, term = 0; number < n_rows + R; number++) {
+        const struct statement *s = number < n_rows ? &closure[term].statement : coordinates + number - n_rows;
         double wanted = number < n_rows ? closure_wanted[number] : theta[number - n_rows];
-        double z[2 * N_FRAME], bodies[2][N_FRAME], gradient[2 * N_FRAME], row[N_UNKNOWNS] = {0};
-        frame_of_point(&s->a, poses, bodies[0], z);
-        frame_of_point(&s->b, poses, bodies[1], z + N_FRAME);
-        double gap = evaluate_statement(s, z, wanted, gradient, 0) - wanted;
-        if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
-        if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);
+        double row[N_UNKNOWNS] = {0}, gap = -wanted;
+        if (number >= n_rows) gap += add_statement(s, wanted, poses, 0, row);
+        for (; number < n_rows && term < n_terms && closure[term].row == number; term++) {
+            double near = closure[term].near < 0 ? -gap / closure[term].factor : theta[closure[term].near];
+            gap += add_statement(&closure[term].statement, near, poses, closure + term, row);
+        }
         double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;
         if (!(fabs(gap) * unit <= largest)) largest = fabs(gap) * unit;
         for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);

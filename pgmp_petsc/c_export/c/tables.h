@@ -16,6 +16,10 @@ struct piece { double begin, origin, cubic[4], wave[3]; };
 struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
 struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
+/* A factor times a statement, or times the spline of it: row of the closure that it adds to, first and number of pieces,
+   and the coordinate that an angle is near to, -1 where that is what the others leave of the row's value. */
+struct term { int row, first, n_pieces, near; double factor; struct statement statement; };
+struct spline_piece { double begin, end, cubic[4]; };
 /* A law of a measure s. About is, in an iteration, the rate at which the law was evaluated last, NAN before that. One
    whose iterates jump between two branches is taken up from zero there, and the next about is NAN. Behind these is how
    far each edge of the law is crossed. */
@@ -42,7 +46,9 @@ extern const int node_bodies[];
 extern const struct piece pieces[];
 extern const struct output outputs[];
 extern const struct action actions[];
-extern const struct statement coordinates[R], closure[];
+extern const struct statement coordinates[R];
+extern const struct term closure[];
+extern const struct spline_piece spline_pieces[];
 void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]);
 
 /* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */

@@ -1,0 +1,125 @@
+"""Joints that couple the motions of others: gears, racks, screws, cams, and any sum of motions.
+
+With the motions s_i of joints, turning (rad) or sliding (m), a coupling holds
+
+    sum_i r_i s_i = const.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from pgmp_petsc.scene.fields import Name, Number, Pair, TwoNames, no_parameter, refusal
+from pgmp_petsc.scene.joints import CouplingEntry, Share
+
+CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
+FEWEST_POINTS = 4  # of a cam; fewer have no spline to speak of
+
+
+def _not_zero(value: float) -> float:
+    if value == 0.0:
+        raise refusal("a number other than 0 is needed; with 0 nothing is coupled")
+    return value
+
+
+def _closed(table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    angles, lifts = zip(*table)
+    late = next((k for k in range(1, len(angles)) if angles[k] <= angles[k - 1]), None)
+    if late is not None:
+        raise refusal(f"angles must increase; {angles[late]:g} follows {angles[late - 1]:g}")
+    if abs(angles[-1] - angles[0] - 2.0 * math.pi) > CLOSED:
+        raise refusal(f"must span one turn, 2 pi = {2.0 * math.pi!r} rad; it spans {angles[-1] - angles[0]!r}")
+    if abs(lifts[-1] - lifts[0]) > CLOSED * max(map(abs, lifts)):
+        raise refusal(f"must close: its last value is that of the first angle, {lifts[0]:g}; it is {lifts[-1]:g}")
+    return table
+
+
+#: A factor of a coupling.
+Factor = Annotated[
+    Number,
+    no_parameter("couplings change the rigid motion; lengths and places of the ground alone may be parameters there"),
+    AfterValidator(_not_zero),
+]
+
+
+class Gear(CouplingEntry):
+    """Two joints turn in a ratio: the turning of the second is the ratio times that of the first, from the placements
+    on."""
+
+    type: Literal["gear"]
+    dimensions = (2, 3)
+    joints: TwoNames = Field(description="names of two joints that turn")
+    ratio: Factor = Field(description="rad of the second for each rad of the first; negative where they turn against")
+
+    def shares(self, motion):
+        """Return ``s_2 - ratio s_1``."""
+        first, second = self.joints
+        return [Share(second, "turning", "joints", 1.0), Share(first, "turning", "joints", -self.ratio)]
+
+
+class Rack(CouplingEntry):
+    """A joint slides as another turns: the sliding of the second is the radius times the turning of the first, from the
+    placements on."""
+
+    type: Literal["rack"]
+    dimensions = (2, 3)
+    joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
+    radius: Factor = Field(description="m for each rad; negative where it slides back as the first turns on")
+
+    def shares(self, motion):
+        """Return ``s_2 - radius s_1``."""
+        first, second = self.joints
+        return [Share(second, "sliding", "joints", 1.0), Share(first, "turning", "joints", -self.radius)]
+
+
+class Screw(CouplingEntry):
+    """A joint slides along its axis as it turns about it: a lead for each turn, from the placements on."""
+
+    type: Literal["screw"]
+    dimensions = (3,)
+    joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
+    lead: Factor = Field(description="m for each turn; negative where the thread is left-handed")
+
+    def shares(self, motion):
+        """Return ``s_sliding - lead / (2 pi) s_turning``."""
+        rise = self.lead / (2.0 * math.pi)
+        return [Share(self.joint, "sliding", "joint", 1.0), Share(self.joint, "turning", "joint", -rise)]
+
+
+class SumOfMotions(CouplingEntry):
+    """A sum of the motions of joints keeps the value that it has as the bodies are placed."""
+
+    type: Literal["coupling"]
+    dimensions = (2, 3)
+    terms: dict[Name, Factor] = Field(
+        min_length=2, description="factor of the motion (rad or m) of each joint, by the joints' names"
+    )
+
+    def shares(self, motion):
+        """Return the terms."""
+        return [Share(joint, motion(joint, None), "terms", factor) for joint, factor in self.terms.items()]
+
+
+class Cam(CouplingEntry):
+    """A joint follows a cam: its motion is a cubic spline, of the turning of another, that repeats with every turn."""
+
+    type: Literal["cam"]
+    dimensions = (2, 3)
+    from_placements = False
+    joints: TwoNames = Field(description="name of the joint that turns with the cam, and of the follower's")
+    motion: Literal["turning", "sliding"] | None = Field(
+        None, description="which motion of the follower's joint; needed where it has both"
+    )
+    table: Annotated[tuple[Pair, ...], Field(min_length=FEWEST_POINTS), AfterValidator(_closed)] = Field(
+        description="points (angle of the first, rad; follower's motion, m or rad) over one turn, of which the last is "
+        "the first again"
+    )
+
+    def shares(self, motion):
+        """Return ``s_2 - f(s_1)``."""
+        first, second = self.joints
+        follower = motion(second, self.motion)
+        return [Share(second, follower, "joints", 1.0), Share(first, "turning", "joints", -1.0, self.table)]

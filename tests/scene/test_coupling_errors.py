@@ -1,0 +1,88 @@
+"""Couplings that cannot be: every refusal, with the entry's name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from coupled_scenes import CAM, RACK, ROTORS, ROTORS_IN_SPACE, SCREW
+from refusals import cases, check_said
+from runs import overridden
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.scene import scene_from_toml
+
+REFUSED = {
+    ROTORS: """
+joints.mesh.ratio=0.0 -> = 0.0: a number other than 0 is needed; with 0 nothing is coupled
+joints.mesh.ratio="r" -> = "r": numbers are needed, no parameter: couplings change the rigid motion
+joints.mesh.ratio=true -> = true
+joints.mesh.joints=["input"] -> = ["input"]: the names of two joints in brackets are needed
+joints.mesh.joints="input" -> = "input": the names of two joints in brackets are needed
+joints.mesh.joints=["input", 3] -> = ["input", 3]: the names of two joints in brackets are needed
+joints.mesh={type="coupling", terms=3} -> joints.mesh.terms = 3
+joints.mesh={type="coupling", terms={input="r", output=1.0}} -> joints.mesh.terms.input = "r": numbers are needed, no
+joints.mesh={type="gear", joints=["input", "output"]} -> joints.mesh.ratio: missing
+joints.mesh.connect=["ground:origin", "one:hub"] -> = | unknown key
+joints.mesh.joints=["input", "outptu"] -> = "outptu": there is no such joint; did you mean 'output'?
+joints.mesh.joints=["input", "mesh"] -> = "mesh": a joint that has the motion turning is needed; this one is gear
+joints.mesh.joints=["input", "input"] -> = "input": the same joint is named twice
+joints.mesh.elastic={stiffness=1.0} -> joints.mesh.elastic | unknown key
+joints.mesh.type="belt" -> = "belt": unknown
+joints.mesh={type="screw", joint="input", lead=1.0} -> joints.mesh.type = "screw": for mechanisms in space
+joints.mesh={type="rack", joints=["input", "output"], radius=1.0} -> \
+    joints.mesh.joints = "output": a joint that has the motion sliding is needed; this one is revolute
+joints.mesh={type="coupling", terms={input=1.0}} -> joints.mesh.terms
+joints.mesh={type="coupling", terms={input=1.0, output=0.0}} -> joints.mesh.terms.output = 0.0: a number other than 0
+joints.mesh={type="coupling", terms={input=1.0, outptu=2.0}} -> joints.mesh.terms = "outptu": there is no such joint
+coordinates.phi.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
+outputs.one.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
+effects.motor.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
+""",
+    RACK: """
+joints.teeth.radius=0.0 -> = 0.0: a number other than 0 is needed
+joints.teeth.joints=["rail", "teeth"] -> = "teeth": a joint that has the motion sliding is needed; this one is rack
+""",
+    SCREW: """
+joints.thread.lead=0.0 -> = 0.0: a number other than 0 is needed
+joints.thread.joint="thread" -> = "thread": a joint that has the motion sliding is needed; this one is screw || \
+    joints.thread.joint = "thread": a joint that has the motion turning is needed; this one is screw
+joints.thread={type="coupling", terms={shaft=1.0, thread=1.0}} -> \
+    joints.thread.terms = "shaft": shaft is cylindrical, which turns and slides; couple it by a gear || \
+    joints.thread.terms = "thread": a joint that turns or slides is needed; this one is coupling
+""",
+    ROTORS_IN_SPACE: """
+coordinates.phi={points=["one:hub", "two:hub"], range=[0.1, 0.2]} & simulation.initial.phi.position=0.15 -> \
+    joints.mesh.joints: in space turns are counted from the coordinates: all but one of the joints that turn must be
+""",
+    CAM: """
+joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [0.5, 0.1], [6.283185307179586, 0.0]] -> = | angles must increase; 0.5
+joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [3.0, 0.1], [6.0, 0.0]] -> = | must span one turn
+joints.lift.table=[[0.0, 0.0], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.01]] -> = | must close
+joints.lift.table=[[0.0, 0.0], [6.283185307179586, 0.0]] -> joints.lift.table
+joints.lift.table=3 -> joints.lift.table = 3
+joints.lift.table=[[0.0, "a"], [1.0, 0.1], [3.0, 0.1], [6.283185307179586, 0.0]] -> \
+    joints.lift.table[0] = | two finite numbers in brackets are needed || \
+    joints.lift.table = | entry is needed
+""",
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "override", "said"), [(t, *case) for t, lines in REFUSED.items() for case in cases(lines)]
+)
+def test_a_coupling_is_refused(text: str, override: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scene_from_toml(text, ".", override.split(" & "))
+    check_said(str(caught.value), said, override)
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_the_command_ends_with_one_message(mpirun: Callable, tmp_path: Path, n_ranks: int) -> None:
+    scene = tmp_path / "rotors.toml"
+    scene.write_text(ROTORS)
+    for asked, said in cases(REFUSED[ROTORS])[:2]:
+        done = mpirun(n_ranks, "-m", "pgmp_petsc.cli.main", "check", str(scene), *overridden(asked), check_status=2)
+        messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
+        assert len(messages) == 1
+        check_said(messages[0].removeprefix("pgmp: error: "), said, asked)
+        assert "Traceback" not in done.stderr

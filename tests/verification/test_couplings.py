@@ -1,0 +1,169 @@
+"""Joints that couple motions: in every model, against closed forms, an independent integration, and each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS
+from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from machine_scenes import MODELS, run
+from mpi4py import MPI
+from runs import read_meshes, reduced_model
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+RATIO = -0.37
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+@pytest.mark.parametrize("text", [ROTORS, ROTORS_IN_SPACE], ids=["plane", "space"])
+def test_two_geared_rotors_are_one_with_both_inertias(text: str, model: str) -> None:
+    """T = (I_1 + r^2 I_2) phi'', over several turns of the first one, from the placements on."""
+    errors = []
+    for step in (4e-3, 2e-3):
+        times, found = run(scene_from_toml(text, ".", [f"simulation.step={step}"]), model)
+        exact = 0.5 * 0.7 / (0.02 + RATIO**2 * 0.5) * times**2
+        assert exact[-1] > 4.0 * np.pi
+        errors.append(np.abs(found["one"] - exact).max() / exact[-1])
+        # what Newton's method leaves
+        placed = 0.4 if text is ROTORS else 0.0
+        np.testing.assert_allclose(found["two"] - placed, RATIO * found["one"], rtol=0, atol=1e-8)
+    if text is ROTORS:  # the scheme is exact for a constant acceleration of an angle, and of no director
+        assert max(errors) < 1e-7
+    else:
+        assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.3)
+        assert errors[1] < 1e-4
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_rack_and_its_pinion_on_a_spring_are_an_oscillator(model: str) -> None:
+    errors = []
+    for step in (2e-3, 1e-3):
+        times, found = run(scene_from_toml(RACK, ".", [f"simulation.step={step}"]), model)
+        rate = np.sqrt(200.0 * 0.05**2 / (0.02 + 3.0 * 0.05**2))
+        exact = 40.0 / rate * np.sin(rate * times)
+        assert np.abs(exact).max() > 2.0 * np.pi
+        np.testing.assert_allclose(found["x"], 0.05 * found["phi"], rtol=0, atol=1e-9)
+        errors.append(np.abs(found["phi"] - exact).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.3)
+    assert errors[1] < 1e-4  # (rate step)^2 / 12 of rate times duration, of 9 rad
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_screw_moves_its_mass_and_its_inertia(model: str) -> None:
+    """F = (m + I (2 pi / lead)^2) x''."""
+    turns, errors = 2.0 * np.pi / 0.5, []
+    for step in (4e-3, 2e-3):
+        times, found = run(scene_from_toml(SCREW, ".", [f"simulation.step={step}"]), model)
+        exact = 0.5 * 4.0 / (3.0 + 0.02 * turns**2) * times**2
+        assert turns * exact[-1] > 4.0 * np.pi
+        errors.append(np.abs(found["x"] - exact).max() / exact[-1])
+        np.testing.assert_allclose(found["phi"], turns * found["x"], rtol=0, atol=1e-8)
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.3)
+    assert errors[1] < 2e-4
+
+
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_cam_lifts_its_follower(model: str) -> None:
+    """(I + m f'^2) phi'' + m f' f'' phi'^2 + k f f' = 0."""
+    lift = CubicSpline(*np.array(CAM_TABLE).T, bc_type="periodic")
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        f, slope, bend = (lift(y[0], k) for k in range(3))
+        return np.array([y[1], -(2.0 * slope * bend * y[1] ** 2 + 300.0 * f * slope) / (0.02 + 2.0 * slope**2)])
+
+    errors = []
+    for step in (2e-3, 1e-3):
+        times, found = run(scene_from_toml(CAM, ".", [f"simulation.step={step}"]), model)
+        exact = solve_ivp(rates, (0.0, times[-1]), (0.3, 20.0), t_eval=times, rtol=1e-11, atol=1e-12).y[0]
+        errors.append([np.abs(found["phi"] - exact).max(), np.abs(found["x"] - lift(exact)).max()])
+    assert np.ptp(exact) > 2.0 * np.pi
+    # where pieces of the spline meet, accelerations have a kink
+    np.testing.assert_allclose(np.array(errors[0]) / errors[1], 4.0, atol=0.6)
+    assert np.all(np.array(errors[1]) < [1e-3, 5e-5])
+
+
+def test_a_sum_of_motions_is_a_gear() -> None:
+    _, gear = run(scene_from_toml(ROTORS, "."), "full")
+    terms = "joints.mesh={type='coupling',terms={output=2.0,input=0.74}}"
+    _, summed = run(scene_from_toml(ROTORS, ".", [terms]), "full")
+    for name in gear:
+        np.testing.assert_allclose(summed[name], gear[name], rtol=1e-9, atol=1e-9)
+
+
+def test_a_flexible_shaft_with_a_disc_and_a_geared_wheel_twists_at_the_rate_of_its_closed_form() -> None:
+    """A rod in torsion, phi = cos b x + A sin b x, with r^2 I of the wheel at its beginning and I of the disc at its
+    end."""
+    shear, area_moment = 210e9 / 2.6, 0.5 * np.pi * 0.005**4
+    wave, stiffness = np.sqrt(shear / 7800.0), shear * area_moment
+
+    def gap(rate: float) -> float:
+        b = rate / wave
+        a = -(rate**2) * 0.08 / (stiffness * b)
+        end, slope = np.cos(0.5 * b) + a * np.sin(0.5 * b), b * (a * np.cos(0.5 * b) - np.sin(0.5 * b))
+        return stiffness * slope - rate**2 * 0.01 * end
+
+    exact = brentq(gap, 100.0, 200.0) / (2.0 * np.pi)
+    scene = scene_from_toml(SHAFTS, ".")
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    with ModalProblem(kinematics, scene.nominal, 8, MPI.COMM_SELF) as problem:
+        found = problem.solve(0.7).frequencies_hz
+    # eight elements of a mode that is almost linear
+    assert np.abs(found - exact).min() < 1e-6 * exact
+
+
+GENTLY = ("effects.motor.table=[[0.0,0.0],[0.2,0.3],[1.0,0.3]]",)
+
+
+@pytest.mark.parametrize(("model", "overrides"), [("reduced", ()), ("reduced", GENTLY), ("components", GENTLY)])
+def test_models_of_a_geared_five_bar_agree(model: str, overrides: tuple[str, ...]) -> None:
+    """To 1 % of the deformation, over a turn under the larger torque; both cranks keep their ratio."""
+    scene = scene_from_toml(GEARED, ".", overrides)
+    (_, full), (_, found) = (run(scene, one) for one in ("full", model))
+    assert full["input"][-1] > (1.0 if overrides else 2.0 * np.pi)
+    for one, allowed in ((full, 1e-8), (found, 1e-3)):  # that of flexible cranks is their joints'
+        np.testing.assert_allclose(one["output"] - one["output"][0], -one["input"], rtol=0, atol=allowed)
+    # the place follows the angle, which is of 7 rad
+    for name, share in (("input", 1e-4), ("output", 1e-4), ("x", 3e-4), ("bending", 0.01)):
+        largest = np.abs(full[name]).max()
+        np.testing.assert_allclose(found[name], full[name], rtol=0, atol=share * largest, err_msg=name)
+
+
+@needs_compiler
+def test_a_model_in_c_keeps_the_gear(tmp_path: Path) -> None:
+    model = reduced_model(scene_from_toml(GEARED, "."))
+    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+def test_nothing_is_lost_between_coupled_joints(model: str) -> None:
+    """The energies of a geared five-bar that runs freely."""
+    scene = scene_from_toml(
+        GEARED,
+        ".",
+        [
+            "effects={}",
+            "simulation.spectral_radius=1.0",
+            "simulation.duration=0.2",
+            "simulation.initial={phi={velocity=8.0}}",
+        ],
+    )
+    made = MODELS[model](scene)
+    balance = (simulate_full if model == "full" else simulate_reduced)(made, MPI.COMM_SELF).balance
+    # the square of the step, of the shortest vibrations that the run begins with
+    assert np.abs(balance.residual).max() < 1e-3 * balance.kinetic[0]
+
+
+def test_a_turn_that_does_not_bring_a_geared_body_back_says_so() -> None:
+    turn = ("coordinates.phi.range=[0.0, 6.283185307179586]", "coordinates.phi.periodic=true")
+    with pytest.raises(InputError, match="joints.mesh a body moved by a part of a turn: the slowest joint"):
+        scene = scene_from_toml(ROTORS, ".", turn)
+        RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
