@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -62,7 +63,6 @@ class Elastic(Table):
     holds the directions whose stiffness is infinite, and gives way in the others (`mechanism.releases`).
     """
 
-    changeable: ClassVar[tuple[str, ...]] = ("stiffness", "damping", "turning_stiffness", "turning_damping")
     reference: tuple[Direction, ...] = Field(
         description="first axis, and in space a second one, of the frame in which it is elastic, in the frame of the "
         "first point's owner; their lengths do not matter"
@@ -86,6 +86,12 @@ class Elastic(Table):
         """Yield key, value, sign and units of what may name a parameter."""
         for key, (sign, unit) in quantities_of(type(self)).items():
             yield from ((key, value, sign, unit.turning) for value in getattr(self, key) if value != math.inf)
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What tables are made of: the axes, and which directions are rigid, held by a spring or damper, or by none."""
+        keys = chain(*DAMPED_BY.items())
+        return self.reference, *(tuple(x if x in (0.0, math.inf) else 1.0 for x in getattr(self, key)) for key in keys)
 
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if its axes make no frame, it has not as many numbers as axes, or damps what stays rigid."""

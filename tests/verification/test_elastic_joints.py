@@ -10,9 +10,11 @@ from runs import history, read_meshes, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.inputs import scene_of_rom
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL
 
@@ -232,3 +234,18 @@ def test_a_run_whose_mounts_give_way_far_says_so():
     lift = _outputs(MODELS["full"](scene), scene)["lift"]
     # and it is far off: linear motions of the mounts are no longer those of the mechanism
     assert np.max(np.abs(far.outputs["lift"] - lift)) > 0.1 * np.max(np.abs(lift))
+
+
+def test_numbers_of_springs_may_be_changed_in_a_built_model(tmp_path):
+    """Given as numbers too; what is rigid, and what nothing holds, is part of the tables."""
+    entry, scene = "joints.two.elastic.stiffness", machine(*REDUCED)
+    model = reduced_model(scene)
+    changed = scene_of_rom(model.rom, tmp_path, [f"{entry}=[2e6,'k']"], [], "rom.h5")
+    found = _outputs(reduced_model(scene).with_loads(changed), changed)
+    built = machine(*REDUCED, f"{entry}=[2e6,'k']")
+    for name, own in _outputs(MODELS["reduced"](built), built).items():
+        assert np.max(np.abs(found[name] - own)) < 1e-6 * np.max(np.abs(own)), name
+    for other in ("[inf,'k']", "[0.0,'k']"):
+        damping = "joints.two.elastic.damping=[0.0,'c']"
+        with pytest.raises(InputError, match="--override joints: the tables of 'rom.h5' were built from this entry"):
+            scene_of_rom(model.rom, tmp_path, [f"{entry}={other}", damping], [], "rom.h5")

@@ -57,6 +57,7 @@ COMPARED = {
     "five_bar": (0.3, 1e-3, 1e-3, 1e-2),
     # 1.5 %; with 96 angles or twice as many modes it is no less
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
+    "geared_five_bar": (0.6, 5e-4, 1e-3, 1e-2),
     "machine_on_mounts": (1.2, 1e-3, 2e-3, 1e-2),  # through two resonances of the mounts
     "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.04),
