@@ -193,7 +193,10 @@ SHARED = {
         "Ranks that share one eigenproblem; more than one where a rank's memory is too small.", word="N",
         allowed=Range(1),
     ),
-    "parameters": Argument("Value of a parameter NAME in single runs, SI units.", "--set", "NAME=VALUE"),
+    "parameters": Argument(
+        "Value of a parameter NAME in single runs, in the scene's units or with one of its own (5mm).", "--set",
+        "NAME=VALUE",
+    ),
     "overrides": Argument(
         "Entry of the scene with the dotted key KEY, replaced by a TOML value.", "--override", "KEY=VALUE"
     ),
@@ -206,7 +209,7 @@ _OF_PROGRAMS = {
     "comm": "The ranks, all of which make the call; by default COMM_WORLD where it has several, else COMM_SELF.",
     "output": "File to write, as the command does; a table where its name ends in .csv.",
     "resume": "Whether to take up what a stopped run left beside the file; without one nothing is kept on the way.",
-    "parameters": 'Values in single runs, SI units: a mapping of names to numbers, or texts "name=VALUE".',
+    "parameters": 'Values in single runs, in the scene\'s units: a mapping of names to numbers, or texts "name=VALUE".',
     "overrides": 'Entries of the scene: a mapping of dotted keys to values, or texts "dotted.key=VALUE" in TOML.',
     "model": "'full' or 'components' with a scene; 'reduced' or nothing with a reduced model.",
 }

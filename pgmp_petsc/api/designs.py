@@ -56,12 +56,12 @@ def _status_of_fit(found: Fit) -> int:
     "fit", "Fit parameters to a measured history.", 110, report=report_of_fit, status=_status_of_fit, about="measured",
     rom=ROM, output=OPTIONAL_OUTPUT,
     measured=Argument(
-        "CSV file whose first line names its columns: time (s), and outputs of the scene in SI units.",
+        "CSV file whose first line names its columns: time (s), and outputs of the scene in its units.",
         word="MEASURED.csv", allowed="the name of a CSV file",
     ),
     names=Argument("Fit parameter NAME, instead of all with a distribution.", "--parameter", "NAME", NAMES),
     noise=Argument(
-        "Standard deviation of an output's noise, SI units; found from what is left where it is not given.",
+        "Standard deviation of an output's noise, in its unit; found from what is left where it is not given.",
         word="OUTPUT=NUMBER", allowed="a mapping of outputs to standard deviations",
         read=numbers_by_name(
             "--noise", "OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3", 0.0

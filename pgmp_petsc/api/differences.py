@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Difference:
     """The largest difference of an output; that of the second result less the first."""
 
-    #: largest, unit: its value, SI unit
+    #: largest, unit: its value, unit
     largest: float
     unit: str
     #: of the output's largest magnitude in the first result; infinite where that is zero and the second's is not

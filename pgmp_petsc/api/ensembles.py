@@ -207,8 +207,8 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
     "montecarlo", "Many samples and their distributions.", 70, report=_report, status=exit_status, choose=choose,
     others=(retry_failed, rare_event), source=SOURCE, n=NUMBER, seed=SEED, sampler=SAMPLER, ranks_per_sample=PER_SAMPLE,
     samples=Argument(
-        "Take the samples of a CSV or HDF5 file, columns named as parameters, SI units; in a program also of a "
-        "DataFrame, or of a mapping of names to numbers.", word="TABLE",
+        "Take the samples of a CSV or HDF5 file, columns named as parameters, in the scene's units; in a program also "
+        "of a DataFrame, or of a mapping of names to numbers.", word="TABLE",
         allowed="a CSV or HDF5 file, a DataFrame, or a mapping of parameters' names to columns of numbers",
     ),
     shard=Argument(

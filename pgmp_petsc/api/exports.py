@@ -22,6 +22,7 @@ from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_tabl
 from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.unit_systems import unit_system
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -83,7 +84,8 @@ def export_model(
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
-    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} m" for name in scene.values if name not in variable)
+    metre = unit_system(scene).unit("m")
+    fixed = ", ".join(f"{name} = {scene.values[name]:.6g} {metre}" for name in scene.values if name not in variable)
     if fixed:
         tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
     for note in (*filter(None, notes), LEFT_OUT):

@@ -36,8 +36,8 @@ class Result:
     kind : str
         One of `files.claims.KINDS`.
     data
-        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in SI units. None on a rank
-        that was not given it.
+        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in the scene's units. None on
+        a rank that was not given it.
     comm : mpi4py.MPI.Comm
         The ranks that made it.
     directory : Path

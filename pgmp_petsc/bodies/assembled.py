@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
@@ -45,7 +46,7 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Assembled:
-    """Matrices and nodes, in SI units; both matrices on one pattern of rows that are compressed."""
+    """Matrices and nodes, in the scene's units; both matrices on one pattern of rows that are compressed."""
 
     nodes: np.ndarray  # in the body's frame, shape (n_nodes, d), m
     labels: np.ndarray  # numbers of the nodes in their file, shape (n_nodes,)
@@ -184,9 +185,8 @@ class AssembledBody:
         """Entries of a matrix."""
         return self.mesh.columns.size
 
-    @property
-    def described(self) -> str:
-        """Description of the body, in words."""
+    def described(self, system: UnitSystem) -> str:
+        """Return the body in words."""
         return "assembled matrices"
 
     def stiffness(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:

@@ -1,4 +1,4 @@
-"""A body's matrices and nodes from the files that a scene names, in SI units.
+"""A body's matrices and nodes from the files that a scene names, in the scene's units.
 
 What matrices of a free body of displacements have to be; each check says what was found and the cure.
 
@@ -27,12 +27,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from pgmp_petsc.base.errors import InputError, shortened
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.inertia_moments import linear_fields, rigid_motions
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes, read_rows
 from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Stated
+from pgmp_petsc.scene.unit_systems import unit_system
 
 
 def read_assembled(scene: Scene, name: str) -> Assembled:
@@ -48,7 +50,8 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     file = read_nodes(scene.path_of(given.nodes), d, received["nodes"])
     check_places(file.nodes, received["nodes"])
     rows = None if given.rows is None else read_rows(scene.path_of(given.rows), received["rows"])
-    length, mass, time = (given.units.in_si(key) for key in ("length", "mass", "time"))
+    system = unit_system(scene)
+    length, mass, time = given.units.factors(system)
     nodes, found = length * file.nodes, {}
     for kind, unit in (("stiffness", mass / time**2), ("mass", mass)):
         read = read_matrix(scene.path_of(getattr(given, kind)), received[kind])
@@ -60,7 +63,7 @@ def read_assembled(scene: Scene, name: str) -> Assembled:
     check_mass(body, received["mass"])
     check_free(body, received["stiffness"])
     if given.stated is not None:
-        check_stated(body.properties, given.stated, f"{entry}.stated")
+        check_stated(body.properties, given.stated, f"{entry}.stated", system)
     return body
 
 
@@ -93,7 +96,7 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     Parameters
     ----------
     matrix
-        In SI units, of shape (d n_nodes, d n_nodes).
+        In the scene's units, of shape (d n_nodes, d n_nodes).
     kind
         ``"stiffness"`` or ``"mass"``.
     labels
@@ -101,7 +104,7 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     received
         The scene's entry and its value, with which messages begin.
     unit
-        That of the file in SI units.
+        That of the file in the scene's units.
     """
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
@@ -213,7 +216,7 @@ def check_free(body: Assembled, received: str) -> None:
         )
 
 
-def check_stated(found: MassProperties, stated: Stated, entry: str) -> None:
+def check_stated(found: MassProperties, stated: Stated, entry: str, system: UnitSystem) -> None:
     """Refuse mass properties that differ from what a scene states."""
     extent = float(np.sqrt(np.trace(found.second) / found.mass))
     has = {"mass": np.array([found.mass]), "centre": found.centre, "inertia": np.diag(found.inertia)}
@@ -226,7 +229,7 @@ def check_stated(found: MassProperties, stated: Stated, entry: str) -> None:
         if wanted.shape != values.shape:
             raise InputError(f"{entry}.{key} = {wanted.tolist()}: {values.size} numbers are needed for this body")
         if np.abs(values - wanted).max() > stated.within * sizes[key]:
-            units = {"mass": "kg", "centre": "m", "inertia": "kg m2"}[key]
+            units = system.unit({"mass": "kg", "centre": "m", "inertia": "kg m2"}[key])
             shown = values.tolist() if values.size > 1 else float(values[0])
             raise InputError(
                 f"{entry}.{key} = {wanted.tolist() if wanted.size > 1 else float(wanted[0])}: the matrices have "

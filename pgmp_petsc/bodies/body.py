@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.inertia_moments import TURNS, linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -212,12 +213,11 @@ class Body(ABC):
         """Number of nodes and of cells of what the scene gives."""
         return len(self.shape.nodes), len(self.shape.cells)
 
-    @property
-    def described(self) -> str:
-        """Description of the body, in words: nodes and cells."""
+    def described(self, system: UnitSystem) -> str:
+        """Return the body in words: nodes and cells, and its size in units of a system."""
         n = len(self.mesh.cells)
         length = self.mesh.lengths.sum()
-        return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {length:.6g} m"
+        return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {length:.6g} {system.unit('m')}"
 
     @property
     @abstractmethod

@@ -131,8 +131,8 @@ def _carrying(frame: FaceFrame, nodes: np.ndarray, what: str) -> FaceFrame:
     extent = float(np.ptp(nodes, axis=0).max())
     if not frame.radius > SMALLEST_RADIUS * extent:
         raise InputError(
-            f"{what} have a radius of gyration of {frame.radius:.3g} m, too small to carry a rotation; more than "
-            f"{SMALLEST_RADIUS * extent:.3g} m is needed"
+            f"{what} have a radius of gyration of {frame.radius / extent:.3g} of the body's extent, too small to carry "
+            f"a rotation; more than {SMALLEST_RADIUS:g} of it is needed"
         )
     return frame
 
@@ -143,14 +143,14 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
     off, spread = np.abs(frame.centre[1:]).max(), np.ptp(mesh.nodes[frame.nodes, 0])
     if off > ON_AXIS * extent:
         raise InputError(
-            f'{entry}: the faces of "{point}" have their centre {off:.3g} m off the x axis of the mesh; sections '
-            "are scaled about it, so that points that joints, effects and outputs name have to be on it (to "
-            f"{ON_AXIS * extent:.3g} m)"
+            f'{entry}: the faces of "{point}" have their centre {off / extent:.3g} of the extent of the mesh off its '
+            "x axis; sections are scaled about it, so that points that joints, effects and outputs name have to be on "
+            f"it (to {ON_AXIS:g} of the extent)"
         )
     if spread > ON_AXIS * extent:
         raise InputError(
-            f'{entry}: the faces of "{point}" extend over {spread:.3g} m along the x axis of the mesh; groups of a '
-            "body with a scaled cross-section are sections across the axis"
+            f'{entry}: the faces of "{point}" extend over {spread / extent:.3g} of the mesh along its x axis; groups '
+            "of a body with a scaled cross-section are sections across the axis"
         )
 
 

@@ -38,6 +38,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import RandomField
+from pgmp_petsc.scene.unit_systems import unit_system
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to
@@ -110,8 +111,8 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
         size = float(np.max(np.ptp(mesh.nodes[mesh.cells], axis=1).max(axis=1)))
         if size > COARSE * field.length:
             yield warning(
-                f"fields.{name}.length = {field.length:g}: cells of {field.body} are up to {size:.3g} m long, more "
-                f"than half of it, and each has one value; take a finer mesh"
+                f"fields.{name}.length = {field.length:g}: cells of {field.body} are up to {size:.3g} "
+                f"{unit_system(scene).unit('m')} long, more than half of it, and each has one value; take a finer mesh"
             )
 
 

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
@@ -94,10 +95,9 @@ class Solid:
         """Entries of a matrix, roughly: neighbouring cells share some, about half of those of all elements are left."""
         return self.mesh.n_cells * (self.mesh.dimension * self.mesh.cells.shape[1]) ** 2 // 2
 
-    @property
-    def described(self) -> str:
-        """Description of the body, in words: cells and volume."""
-        return f"{self.mesh.n_cells} {self.mesh.kind}, {self.volume:.6g} m{self.mesh.dimension}"
+    def described(self, system: UnitSystem) -> str:
+        """Return the body in words: cells and volume, in units of a system."""
+        return f"{self.mesh.n_cells} {self.mesh.kind}, {self.volume:.6g} {system.unit(f'm{self.mesh.dimension}')}"
 
     @property
     def volume(self) -> float:

@@ -16,6 +16,7 @@ from itertools import accumulate
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.c_export.statements import (
     ActionInC,
@@ -41,6 +42,7 @@ from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import length_names, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.generalised_alpha import count_steps
@@ -77,6 +79,7 @@ class Constants:
     """All that a model in C is made of."""
 
     name: str  # of the scene
+    system: UnitSystem  # its units
     settings: Mapping[str, int | float]  # whole numbers and numbers of ``sizes.h`` by name
     tables: Mapping[str, np.ndarray]  # arrays of ``tables.c`` by name
     axes: Mapping[str, Sequence[Along]]  # of the tables' coordinates, by name
@@ -159,6 +162,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     }
     return Constants(
         name=scene.name,
+        system=unit_system(scene),
         settings={**_sizes(model, tables), **counts, **_steps(model)},
         tables=tables,
         axes=_axes(model, places),
@@ -197,13 +201,14 @@ def tunable(scene: Scene) -> dict[str, float]:
 
 def _unit_of_strength(name: str, scene: Scene) -> str:
     """Return the unit of a strength; that of a load's part is a factor of its parameter."""
-    return scene.effects[name].strength_unit if name in scene.effects else "1"
+    return unit_system(scene).unit(scene.effects[name].strength_unit) if name in scene.effects else "1"
 
 
 def _unit_of(name: str, scene: Scene) -> str:
-    """Return the SI unit of a parameter: what the scene says, or what the entries that name it take."""
+    """Return the unit of a parameter: what the scene says, or what the entries that name it take."""
     used = (use.units for use in uses_of(scene) if use.parameter == name)
-    return scene.parameters[name].unit or next((units[0] for units in used if len(units) == 1), "")
+    taken = next((units[0] for units in used if len(units) == 1), "")
+    return scene.parameters[name].unit or unit_system(scene).unit(taken)
 
 
 def _nodes(sides: Sequence) -> list[int]:

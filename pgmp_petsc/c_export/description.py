@@ -13,8 +13,9 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from pgmp_petsc import __version__
+from pgmp_petsc.base.unit_systems import SI
 from pgmp_petsc.c_export.constants import Constants
-from pgmp_petsc.scene.units import measure
+from pgmp_petsc.scene.dimensions import measure, times
 
 # value references, as in unit.h
 BLOCK = 1_000_000
@@ -39,7 +40,7 @@ class Variable:
     about: str
     start: str = ""  # value at the start, of what can be set
     derivative_of: int | None = None  # reference of the state whose derivative it is
-    unit: str = ""  # SI unit, empty where there is none
+    unit: str = ""  # in the scene's units, empty where there is none
     #: low, high: ends of the range that it is in, or that the model was built for; infinite where there are none
     low: float = -math.inf
     high: float = math.inf
@@ -57,12 +58,12 @@ def quoted(name: str) -> str:
 
 def variables_of(constants: Constants) -> list[Variable]:
     """Return the variables of a model, the independent one left out."""
-    # values are in SI units; a scene's own unit is one of its numbers only
-    found = []
+    # values are in the units of the scene; what a parameter was given in is of its numbers only
+    found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
         served, unit = constants.served.get(name), constants.parameter_units[name]
         low, high = (-math.inf, math.inf) if served is None else (min(served.low, value), max(served.high, value))
-        about = "SI units" if served is None else "SI units; from min to max the model was built for"
+        about = units if served is None else f"{units}; from min to max the model was built for"
         setting = "parameter", "tunable", about, repr(float(value)), None
         found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
     for k, (name, unit) in enumerate(constants.strength_units.items()):
@@ -181,14 +182,15 @@ def _text(root: Element) -> bytes:
 
 
 def _define_units(root: Element, units: Sequence[str]) -> None:
-    """Define units by their exponents of kg, m, s and rad, which is a number where scenes calculate."""
+    """Define units by their factors and exponents of kg, m, s and rad, which is a number where scenes calculate."""
     definitions = SubElement(root, "UnitDefinitions")
     for unit in units:
-        _, exponents = measure(unit)
+        factor, exponents = measure(unit)
         above, _, below = unit.partition("/")
         turns = above.split().count("rad") - below.split().count("rad")
         known = dict(zip(("kg", "m", "s", "rad"), (*exponents, turns)))
         base = {name: str(int(exponent)) for name, exponent in known.items() if exponent != 0}
+        base |= {} if factor == 1.0 else {"factor": repr(times(1.0, factor))}
         SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
 
 

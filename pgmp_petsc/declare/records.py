@@ -172,6 +172,13 @@ class Context(NamedTuple):
             words |= entry.words(self.own, key, self)
         return self._replace(words=words)
 
+    def unit(self, template: str) -> str:
+        """Return a unit of a declaration, which is one of SI, as that of the result's scene."""
+        unit, around = self.text(template), self
+        while around is not None and not hasattr(around.own, "record"):
+            around = around.outer
+        return unit if around is None else around.own.record.system.unit(unit)
+
     def text(self, template: str) -> str:
         """Return a text of a declaration."""
         return _FORMAT.vformat(template, (), {**self.words, "own": self.own}) if "{" in template else template
@@ -422,7 +429,7 @@ def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context:
     if entry.stored is not None:
         value = np.asarray(value).astype(entry.stored)
     columns = None if entry.columns is None else getattr(context.own, entry.columns)
-    unit = context.text(entry.unit) if columns is None else ", ".join(columns.values())
+    unit = context.unit(entry.unit) if columns is None else ", ".join(columns.values())
     dataset = put(group, place, value, unit, context.text(entry.about))
     if columns is not None:
         dataset.attrs["names"] = json.dumps(list(columns))

@@ -33,7 +33,7 @@ def variables(record: Record) -> Iterator[tuple[str, Variable]]:
         entry, context = leaf.one.entry, leaf.context
         if entry.label is None:
             continue
-        about = {"units": context.text(entry.unit), "long_name": context.text(entry.about)}
+        about = {"units": context.unit(entry.unit), "long_name": context.text(entry.about)}
         about |= of_place.get(leaf.place, {})
         if entry.columns is None:
             yield context.text(entry.label), Variable(entry.sizes, leaf.value, about, entry.is_axis)

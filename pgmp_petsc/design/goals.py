@@ -11,7 +11,7 @@
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
 (`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
-the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
+the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in the scene's units.
 
 Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
 """

@@ -1,6 +1,6 @@
 """A measured history: a table of instants and outputs in a CSV file.
 
-The first line has the names: ``time`` (s) and outputs of the scene, in their SI units. Other columns have no part.
+The first line has the names: ``time`` (s) and outputs of the scene, in their units. Other columns have no part.
 """
 
 from __future__ import annotations

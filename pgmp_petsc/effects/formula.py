@@ -210,7 +210,7 @@ class FormulaEffect(OnJoint):
         "t (s) and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 "
         "where"
     )
-    constants: dict[str, Annotated[NumberOrParameter, Unit("1")]] = Field(
+    constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(
         {}, description="names in the formula, each a number or a parameter's name"
     )
 

@@ -24,7 +24,7 @@ from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import ConstantSpeed, Harmonic, SpinUp, TimeTable, exactly_one, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, unknown
-from pgmp_petsc.scene.uses import slides
+from pgmp_petsc.scene.uses import Use, slides
 
 
 class PrescribedMotion(Driving):
@@ -50,6 +50,18 @@ class PrescribedMotion(Driving):
         if self.table is not None and len(self.table) < 2:
             raise refusal("a motion needs at least two rows", "table")
         return self
+
+    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield what it is of the coordinate, and the times of its rows."""
+        moved = scene.coordinates.get(self.coordinate)
+        own = "m" if moved is not None and slides(scene, moved) else "rad"
+        for row in range(len(self.table or ())):
+            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", ("s",))
+            yield Use(f"{entry}.table[{row}][1]", 0.0, "any", (own,))
+        for key in ("harmonic.amplitude", "harmonic.mean", "spin_up.start", "constant_speed.start"):
+            yield Use(f"{entry}.{key}", 0.0, "any", (own,))
+        for key in ("spin_up.speed", "constant_speed.speed"):
+            yield Use(f"{entry}.{key}", 0.0, "any", (f"{own}/s",))
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such coordinate, something else moves it, or steps do not resolve it."""

@@ -1,4 +1,4 @@
-"""Samples from a file: a table with a column for every uncertain parameter, as CSV or HDF5, SI units.
+"""Samples from a file: a table with a column for every uncertain parameter, as CSV or HDF5, in the scene's units.
 
 CSV has the names in its first line, with or without the parameters' units, and commas between numbers. HDF5 has a data
 set (N,) for each parameter, at the top or in a group ``parameters``: any ensemble of this program is such a file, whose

@@ -95,6 +95,7 @@ class Peaks:
 
 
 MOST_BINS = 200
+SMALLEST_SIZE = 1e-200  # of values whose size says how wide a bin of constant ones is
 # Of one sample of its outermost slice of the parameters each, replicates know little of what tails do there. So the
 # interval as of independent values has a part in theirs: of a deviation from the kurtosis of a normal law on, all of it
 # at HEAVY; of a mean so many times the root of the samples of a replicate, and that in full at a skewness of SKEW
@@ -318,7 +319,7 @@ def _density(values: np.ndarray, bins: int | None) -> tuple[np.ndarray, np.ndarr
     """
     lowest, highest = float(values.min()), float(values.max())
     if is_constant(values):
-        margin = max(abs(lowest), 1.0) * 1e-6
+        margin = 1e-6 * (abs(lowest) if abs(lowest) > SMALLEST_SIZE else 1.0)
         lowest, highest = lowest - margin, highest + margin
     if bins is None:
         low, high = np.quantile(values, (0.25, 0.75))

@@ -77,7 +77,7 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
         )
     if has_solids(run):
         return _portrait_of_solids(run, shown)
-    factor, unit = axis_unit("m", *run.frames.positions.values())
+    factor, unit = axis_unit(run.record.system.unit("m"), *run.frames.positions.values())
     shapes = Shapes.of(run.frames, shown.exaggeration, factor)
     low, high = shapes.limits
     share = np.clip((HEIGHT - 0.6) / WIDTH * (high - low)[0] / (high - low)[1], NARROWEST, WIDEST)

@@ -233,7 +233,7 @@ def mechanism(
     frames = trajectory.frames
     if frames is None or not len(frames.time):
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
-    factor, unit = axis_unit("m", *frames.positions.values())
+    factor, unit = axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
     shapes = Shapes.of(frames, exaggeration, factor)
     chosen = np.unique(np.linspace(0, len(frames.time) - 1, n_instants).round().astype(int))
 
@@ -321,7 +321,7 @@ def assembly(shown: Assembly) -> Figure:
     another.
     """
     frames = shown.frames
-    factor, unit = axis_unit("m", *frames.positions.values())
+    factor, unit = axis_unit(shown.metre, *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
     low, high = shapes.limits
     view = (lambda place: place @ OBLIQUE) if shapes.oblique else (lambda place: place[:2])

@@ -179,6 +179,7 @@ class Motion:
     scale: float = 1.0  # of the deformation
     #: number of the instant at which the largest value is reached, the last one where there are no colours
     peak: int = -1
+    metre: str = "m"  # unit of places
 
     @property
     def points(self) -> np.ndarray:
@@ -237,7 +238,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     notes += uncoloured(run.fields, colour)
     if colour == "mises" and run.model == "reduced":
         notes += filter(None, [truncated(run.record.scene_toml)])
-    skins, quantity, largest, peak = in_unit(skins, colour, "Pa" if colour == "mises" else "m")
+    skins, quantity, largest, peak = in_unit(skins, colour, run.record.system.unit("Pa" if colour == "mises" else "m"))
     if colour != "none" and not quantity:
         raise InputError(
             f"nothing of this run is known in {WORDS[colour]}: no body has it stored; take --field none, or simulate "
@@ -250,7 +251,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     seen = WORDS[colour][:1].upper() + WORDS[colour][1:] or "Motion"
     title = heading(f"{seen}, {MODELS[run.model]}{enlarged}", run.record, label)
     captions = [f"t = {instant:.4g} s" for instant in frames.time]
-    return Motion(tuple(skins), captions, title, notes, quantity, largest, factor, peak)
+    return Motion(tuple(skins), captions, title, notes, quantity, largest, factor, peak, run.record.system.unit("m"))
 
 
 def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
@@ -293,7 +294,17 @@ def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | 
     what = f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}"
     quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
     captions = ["size arbitrary"] * N_PHASES
-    return Motion(tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4)
+    return Motion(
+        tuple(skins),
+        captions,
+        heading(what, shape.record),
+        notes,
+        quantity,
+        1.0,
+        1.0,
+        N_PHASES // 4,
+        shape.record.system.unit("m"),
+    )
 
 
 def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:

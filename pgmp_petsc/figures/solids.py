@@ -292,7 +292,7 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
     motion = motion.only(number)
     frame = Surround(motion, motion.captions[0] + why)
     with Stage(motion, *frame.size) as stage:
-        frame.measure(stage.metre)
+        frame.measure(stage.metre, motion.metre)
         frame.axes.imshow(stage.picture(0), interpolation="antialiased", aspect="auto")
     return frame.figure
 
@@ -309,7 +309,7 @@ def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) ->
 
 def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np.ndarray]:
     with Stage(motion, *frame.size) as stage:
-        frame.measure(stage.metre)
+        frame.measure(stage.metre, motion.metre)
         for number in numbers:
             yield frame.around(stage.picture(number), motion.captions[number])
 
@@ -362,12 +362,12 @@ class Surround:
         self._caption = self.axes.set_xlabel(caption, loc="right")
         self._canvas: np.ndarray | None = None
 
-    def measure(self, metre: float) -> None:
-        """Draw a bar of a round length below the bodies, of which a metre has so many pixels."""
+    def measure(self, metre: float, unit: str) -> None:
+        """Draw a bar of a round length below the bodies, of which a unit of length has so many pixels."""
         metres = self.size[0] / 5.0 / metre
         power = 10.0 ** np.floor(np.log10(metres))
         nice = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres)
-        factor, unit = axis_unit("m", np.array([nice]))
+        factor, unit = axis_unit(unit, np.array([nice]))
         share = nice * metre / self.size[0]
         below = {"transform": self.axes.transAxes, "clip_on": False, "color": QUIET}
         at = -9.0 / self.size[1] * RESOLUTION / 72.0

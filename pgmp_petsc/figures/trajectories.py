@@ -287,7 +287,7 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     is left out. The residual is a share of the energy that was exchanged, on a logarithmic axis. The label tells the
     run from others. Raises `InputError` if the trajectory holds no energies.
     """
-    balance = trajectory.balance
+    balance, joule = trajectory.balance, trajectory.record.system.unit("J")
     if balance is None:
         raise InputError("the trajectory holds no energies; simulate it again")
     stored = {"kinetic": balance.kinetic, "potential": balance.potential}
@@ -299,8 +299,8 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     figure = new_figure(WIDTH, sum(heights) + 0.4 * len(heights) + 0.7)
     panels = figure.subplots(len(heights), sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
     for axes, (title, curves) in zip(panels, groups.items()):
-        _draw_curves(axes, trajectory.time, curves, title)
-    _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged)
+        _draw_curves(axes, trajectory.time, curves, title, joule)
+    _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged, joule)
     span(panels[-1], trajectory.time[0], captions.planned_end(trajectory))
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
@@ -309,9 +309,9 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     return figure
 
 
-def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray], title: str) -> None:
+def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray], title: str, joule: str) -> None:
     """Draw energies in one unit, with their keys on the right where there are several."""
-    factor, unit = axis_unit("J", *curves.values())
+    factor, unit = axis_unit(joule, *curves.values())
     for number, (name, values) in enumerate(curves.items()):
         # beyond the palette, its colours come again as dashes
         dashes = "-" if number < len(PALETTE) else (0, (4, 2))
@@ -321,7 +321,7 @@ def _draw_curves(axes: Axes, time: np.ndarray, curves: Mapping[str, np.ndarray],
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), labelspacing=0.3)
 
 
-def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged: float) -> None:
+def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged: float, joule: str) -> None:
     """Draw the residual as a share of the energy exchanged; at the start it is zero."""
     share = np.abs(residual[1:]) / (exchanged or 1.0)
     largest = share.max(initial=0.0)
@@ -329,7 +329,7 @@ def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged
     if largest > 0.0:
         axes.set_yscale("log")
         axes.set_ylim(10.0**-DECADES * largest, 3.0 * largest)
-    factor, unit = axis_unit("J", np.array([exchanged]))
+    factor, unit = axis_unit(joule, np.array([exchanged]))
     axes.set_title(f"residual, as a share of the {exchanged * factor:.3g} {unit} exchanged: at most {largest:.1e}")
 
 

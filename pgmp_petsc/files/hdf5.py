@@ -13,7 +13,7 @@ attribute             meaning
 ``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``, ``tradeoff``,
                       ``sensitivities``, ``fit`` or ``design``
 ``scene``             the resolved scene as TOML
-``parameters``        parameter values as a JSON object, SI units
+``parameters``        parameter values as a JSON object, in the scene's units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none
 ``ranks``             number of MPI ranks of the run
 ``remarks``           warnings and notes as JSON, see :mod:`pgmp_petsc.base.errors`
@@ -44,6 +44,7 @@ import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -53,6 +54,7 @@ import numpy as np
 from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
+from pgmp_petsc.base.unit_systems import SAID, SI, UnitSystem
 from pgmp_petsc.files.claims import KINDS, check_output, named, partial_path
 from pgmp_petsc.files.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 
@@ -158,11 +160,20 @@ class RunRecord:
     """Where a result came from: enough to repeat the run."""
 
     scene_toml: str  # the resolved scene
-    parameters: dict[str, float]  # values that the run used, SI units (for an ensemble the nominal ones)
+    parameters: dict[str, float]  # values that the run used, in the scene's units (for an ensemble the nominal ones)
     seed: int | None  # seed of the random streams, None where nothing is random
     ranks: int  # number of MPI ranks
     timings: dict[str, float] = field(default_factory=dict)  # wall time a phase, s
     remarks: tuple[Remark, ...] = ()  # what the reader of the result has to know
+
+    @cached_property
+    def system(self) -> UnitSystem:
+        """The units that the scene says; SI where it says none."""
+        header = self.scene_toml.removeprefix("[scene]").partition("\n[")[0]
+        try:
+            return SAID.get(tomllib.loads(header).get("units"), SI)
+        except (ValueError, TypeError):
+            return SI
 
     def write(self, file: h5py.File) -> None:
         """Write the record into the root attributes and ``/timings`` of an open file."""
@@ -441,7 +452,7 @@ def csv_table(
     where
         How messages name the file.
     units
-        By name, the unit of each column that has a part; empty where only SI is known.
+        By name, the unit of each column that has a part; empty where only the scene's units are known.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]
@@ -462,7 +473,7 @@ def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
         return column
     name, unit = parts.groups()
     if unit.strip() != units[name]:
-        needed = units[name] or "SI units"
+        needed = units[name] or "the scene's units"
         raise InputError(f"{where}: the column '{column}' has to be in {needed}: convert it, and name it '{name}'")
     return name
 

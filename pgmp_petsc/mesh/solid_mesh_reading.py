@@ -277,7 +277,7 @@ def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str
         raise InputError(
             f"{received}: {count} cells of type {kind} are inverted or have no {'area' if plane else 'volume'}; the "
             f"first is cell {first} with the nodes {shown(cells[first])}, where the determinant of the Jacobian falls "
-            f"to {smallest[first]:.3g} m^{element.dimension}; it must be positive throughout each cell, with the nodes "
+            f"to {smallest[first]:.3g}; it must be positive throughout each cell, with the nodes "
             f"in meshio's order{' (counter-clockwise)' if plane else ''}"
         )
 

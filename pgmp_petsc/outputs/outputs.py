@@ -19,7 +19,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.readings import Frames, Reading, RigidReference
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.unit_systems import SI, unit_system
+from pgmp_petsc.scene.unit_systems import unit_system
 
 if TYPE_CHECKING:
     from pgmp_petsc.outputs.stress import StressOutput
@@ -99,7 +99,7 @@ class OutputSet:
         for name, entry in scene.outputs.items():
             if entry.reads == "stresses":
                 stresses.append(_stress(name, scene, kinematics))
-                functions[name], units[name] = None, stresses[-1].unit
+                functions[name], units[name] = None, entry.unit_in(scene)
                 nodes |= _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
                 continue
             reading = replace(entry.reading(f"outputs.{name}", start, kinematics), rate=entry.reads == "rates")
@@ -115,8 +115,7 @@ class OutputSet:
             if not all(coordinate.periodic for coordinate in mechanism.coordinates):
                 reached = rigid.reached
         system = unit_system(scene)
-        if system not in (None, SI):
-            units = {name: system.unit(unit) for name, unit in units.items()}
+        units = {name: system.unit(unit) for name, unit in units.items()}
         reads_rates = any(reading is not None and reading.rate for reading in functions.values())
         n_rates = mechanism.space.n_pose if reads_rates else 0
         return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses), reached, rigid, n_rates)

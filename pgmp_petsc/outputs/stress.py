@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.composition import bodies_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Vector
+from pgmp_petsc.scene.fields import FixedPlace
 from pgmp_petsc.scene.outputs import STRESSES, OutputEntry
 from pgmp_petsc.scene.references import stress_problems, stressed_bodies
 
@@ -52,11 +52,20 @@ class Stress(OutputEntry):
         "bending_moment (N m), stress_max, stress_min of the outermost fibres (Pa), in space shear_force_2 and _3, "
         "bending_moment_2 and _3, torsion_moment"
     )
-    at: Vector | None = Field(None, description="place in the body's own frame, that of its mesh (m)")
+    at: FixedPlace | None = Field(None, description="place in the body's own frame, that of its mesh (m)")
     group: str | None = Field(
         None, description="group of faces of a solid, or named point of a beam: the largest value there"
     )
     region: str | None = Field(None, description="region of cells of a solid: the largest value there")
+
+    def unit_in(self, scene: Scene) -> str:
+        """Return the unit of its quantity."""
+        return self.unit_of_quantity
+
+    @property
+    def unit_of_quantity(self) -> str:
+        """SI unit of its quantity."""
+        return next(table[self.quantity] for table in STRESSES.values() if self.quantity in table)
 
     @property
     def kinked(self) -> bool:
@@ -79,11 +88,6 @@ class StressOutput:
     points: Strains  # where strains are taken
     law: SolidLaw | BeamLaw  # what makes the quantity of them
     size: float  # the quantity for a strain of 1: what is small beside it by the round-off of strains is nothing
-
-    @property
-    def unit(self) -> str:
-        """Unit of the output."""
-        return next(table[self.entry.quantity] for table in STRESSES.values() if self.entry.quantity in table)
 
     def value(self, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return the output, shape (n,), for strains of the points (n_points, n_strains, n).

@@ -297,7 +297,10 @@ def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) 
 def _reference(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
     """Return the largest size of what has the output's unit anywhere in the body, under each load, shape (n_loads,)."""
     of_body = body.stresses(scene)
-    points, alike = of_body.everywhere(), [key for key, unit in of_body.units.items() if unit == output.unit]
+    points, alike = (
+        of_body.everywhere(),
+        [key for key, unit in of_body.units.items() if unit == output.entry.unit_of_quantity],
+    )
     some, sizes = moves[:: max(1, len(moves) // REFERENCES)], [np.zeros(0)]
     for strains in _strains(points, body, some):
         values: Mapping[str, np.ndarray] = of_body.law.values(alike, points, strains, scene.nominal)

@@ -390,7 +390,8 @@ def _check(
 
 def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> list[Remark]:
     grid, check = family.grid, family.check
-    ranges = ", ".join(f"{name} from {low:g} to {high:g} m" for name, (low, high) in zip(grid.names, grid.ranges))
+    metre = family.members[0].record.system.unit("m")
+    ranges = ", ".join(f"{name} from {low:g} to {high:g} {metre}" for name, (low, high) in zip(grid.names, grid.ranges))
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
         f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "

@@ -387,7 +387,7 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         words = sentence_case(in_words(name))
         yield [f"{words} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
     if (stress := stress_of(run)) is not None:
-        factor, unit = axis_unit("Pa", np.array([stress.largest]))
+        factor, unit = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", source.name if stress.path else "",
                         stress.path, stress.index)  # fmt: skip
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)

@@ -248,7 +248,7 @@ def energies(run: Trajectory, balance: Balance) -> Chart:
     curves = {name: values for name, values in curves.items() if values.any()}
     curves |= {f"work of {name.replace('_', ' ')}": values for name, values in balance.work.items() if values.any()}
     curves["residual"] = balance.residual
-    factor, unit = axis_unit("J", *curves.values())
+    factor, unit = axis_unit(run.record.system.unit("J"), *curves.values())
 
     def draw(axes: Axes) -> None:
         for number, (name, values) in enumerate(curves.items()):

@@ -267,7 +267,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     time = frames.time[chosen]
     bar = _bar(picture.unit)
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
-    legend = None if stress is None else _legend(stress, name, stops)
+    legend = None if stress is None else _legend(stress, name, stops, run.record.system.unit("Pa"))
     data: dict[str, Any] = {
         "time": time.tolist(),
         "decimals": _decimals(time),
@@ -280,7 +280,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
     }
     if stress is not None:
-        factor, _ = axis_unit("Pa", np.array([stress.largest]))
+        factor, _ = axis_unit(run.record.system.unit("Pa"), np.array([stress.largest]))
         data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": legend.unit}
     flat = [picture.places(body.points[start]) for body in shown]
     still = still_of(shown, flat, _share(shown, stress), start, (SIZE, height + FOOT))
@@ -295,7 +295,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         ],
         paths=["M" + "L".join(_pair(at) for at in path) for path in _paths(run, joints, picture, True)],
         ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in _paths(run, joints, picture, False)],
-        scale=(round(bar * picture.unit), _length(bar)),
+        scale=(round(bar * picture.unit), _length(bar, run.record.system.unit("m"))),
         still=still,
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
@@ -316,7 +316,7 @@ def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
     view = view_of(points, bool(extents[2] < FLAT * extents.max()))
     across = points @ view[:2].T
     low, high = across.min(axis=0), across.max(axis=0)
-    margin = 0.05 * max(*(high - low), 1e-12)
+    margin = 0.05 * (max(high - low) or 1.0)
     low, extent = low - margin, high - low + 2.0 * margin
     unit = SIZE / extent[0] if extent[1] <= TALLEST * extent[0] else SIZE * TALLEST / extent[1]
     height = int(np.clip(unit * extent[1], FLATTEST * SIZE, TALLEST * SIZE))
@@ -405,8 +405,8 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
     return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
 
 
-def _legend(stress: Stress, name: str, stops: list[str]) -> Legend:
-    factor, unit = axis_unit("Pa", np.array([stress.largest]))
+def _legend(stress: Stress, name: str, stops: list[str], pascal: str) -> Legend:
+    factor, unit = axis_unit(pascal, np.array([stress.largest]))
     largest = Datum(stress.largest, f"{factor * stress.largest:.4g}", name if stress.path else "", stress.path,
                     stress.index)  # fmt: skip
     return Legend(WORDS["mises"], unit, stops, largest, f"{stress.body} {stress.when}")
@@ -459,8 +459,8 @@ def _bar(unit: float) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres))
 
 
-def _length(metres: float) -> str:
-    factor, unit = axis_unit("m", np.array([metres]))
+def _length(metres: float, metre: str) -> str:
+    factor, unit = axis_unit(metre, np.array([metres]))
     return f"{metres * factor:g} {unit}"
 
 

@@ -361,7 +361,7 @@ def _rare_event(source: Source) -> Table:
         part = Datum(share, f"{100 * share:.1f}", source.name, "/most_likely/shares", f"0,{k}")
         rows.append([[name], [at], [part, " %"]])
     note = f"{source.name}: {found.event}, {100 * found.confidence:g} % interval of {len(found.status)} samples"
-    lines = "; parameters, in SI units, are those at the first design point, with their shares in the event"
+    lines = "; parameters, in the scene's units, are those at the first design point, with their shares in the event"
     return Table(["", "value", "share"], rows, f"{note}{'' if likely is None else lines}.")
 
 

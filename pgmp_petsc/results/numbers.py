@@ -12,6 +12,8 @@ from contextvars import ContextVar
 
 import numpy as np
 
+from pgmp_petsc.base.unit_systems import LENGTHS
+
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
@@ -23,8 +25,8 @@ _largest: ContextVar[Mapping[str, float]] = ContextVar("largest", default={})
 
 
 def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, float]:
-    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length in m."""
-    of_units = {"rad": 1.0, "m": length}
+    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length."""
+    of_units = {"rad": 1.0, **dict.fromkeys(LENGTHS, length)}
     for name, values in outputs.items():
         unit, sizes = units.get(name, "1"), np.abs(values)
         of_units[unit] = max(of_units.get(unit, 0.0), float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))

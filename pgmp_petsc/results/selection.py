@@ -53,13 +53,18 @@ class EffectSizes(Record):
     units: dict[str, str] = attribute(
         "effects/shares@units", code=JSON, absent={}, about="unit of each coordinate, rad where it is not said (JSON)"
     )
+    joule: str = attribute(
+        "effects/shares@joule", absent="J", when=lambda own: own.joule != "J",
+        about="unit of the energy moved around, J where it is not said",
+    )  # fmt: skip
 
     def lines(self) -> list[str]:
         """Return the report, line by line."""
         per = {name: f"{self.units.get(name, 'rad')}/s" for name in self.largest_speed}
         speeds = ", ".join(f"{name} up to {speed:.3g} {per[name]}" for name, speed in self.largest_speed.items())
         lines = [
-            f"  sizes of effects in the motion of the rigid mechanism: {speeds}; {self.exchanged:.3g} J moved around",
+            f"  sizes of effects in the motion of the rigid mechanism: {speeds}; {self.exchanged:.3g} {self.joule} "
+            "moved around",
             f"  an effect matters from a share of {self.tolerance:g} on",
         ]
         for size in self.sizes:
@@ -81,6 +86,7 @@ class Assembly:
     #: joints, points: places of joints and of named points (``crank:tip``, ``ground:origin``), m
     joints: dict[str, np.ndarray]
     points: dict[str, np.ndarray]
+    metre: str = "m"  # unit of places
 
 
 GROUP = "selection"

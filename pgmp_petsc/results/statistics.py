@@ -183,7 +183,7 @@ class MostLikely(Record):
     )
     shares: np.ndarray = array("point", "drawn", about="importance shares of the parameters, alpha^2")
     parameters: dict[str, np.ndarray] = array(
-        "point", about="values of '{name}' at the design points, SI units", ordered=True
+        "point", about="values of '{name}' at the design points, in the scene's units", ordered=True
     )
     is_exact: bool = attribute("@is_exact", about="whether they follow from exact derivatives, not from differences")
     n_runs: int = attribute("@n_runs", about="runs that were taken")
@@ -252,7 +252,7 @@ class RareEvent(Result):
     weight: np.ndarray = array(
         "sample", at="samples/weight", about="of importance sampling; 0 of what only leads there"
     )
-    parameters: dict[str, np.ndarray] = array("sample", about="values of '{name}', SI units", ordered=True)
+    parameters: dict[str, np.ndarray] = array("sample", about="values of '{name}', in the scene's units", ordered=True)
     status: np.ndarray = array("sample", about="how each sample ended, 0 = fine", stored=np.int32)
     most_likely: MostLikely | None = array(absent=None)
     asked: int = attribute("@asked", absent=0, about="samples that it might take")

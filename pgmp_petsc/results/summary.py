@@ -2,7 +2,7 @@
 
 Numbers are None where a figure is not known or infinite (an end of an interval that too few samples leave open).
 
-Values are in the units beside them, SI units throughout.
+Values are in the units beside them, those of the scene.
 
 Results as tables: columns with their units in the first line of a CSV file, all digits.
 

@@ -12,10 +12,13 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from pgmp_petsc.base.unit_systems import UnitSystem
+from pgmp_petsc.scene.dimensions import UnknownUnit, measure, times
 from pgmp_petsc.scene.fields import (
     Along,
     Angle,
     Axis,
+    FixedPlace,
     Inertia,
     Integer,
     Name,
@@ -24,7 +27,7 @@ from pgmp_petsc.scene.fields import (
     PositiveOrParameter,
     Table,
     Triple,
-    Vector,
+    Unit,
     at_most,
     exactly_one,
     is_number,
@@ -32,7 +35,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.sections import SECTIONS, Section
-from pgmp_petsc.scene.units import UnknownUnit, measure
 
 #: What each unit of a system is of: exponents of kilogram, metre and second, and examples.
 QUANTITIES = {
@@ -58,16 +60,19 @@ def _numbers(value: object) -> object:
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_numbers)]
 
 
-class UnitSystem(Table):
-    """The units that matrices and nodes are written in; stiffness is in mass / time^2."""
+class FileUnits(Table):
+    """The units that matrices and nodes are written in, those of the scene if not said; stiffness is in
+    mass / time^2."""
 
-    length: str = Field("m", description="unit of the nodes' coordinates")
-    mass: str = Field("kg", description="unit of the mass matrix")
-    time: str = Field("s", description="unit of time")
+    length: str | None = Field(None, description="unit of the nodes' coordinates")
+    mass: str | None = Field(None, description="unit of the mass matrix")
+    time: str | None = Field(None, description="unit of time")
 
     @field_validator("length", "mass", "time")
     @classmethod
-    def _is_one(cls, value: str, info) -> str:
+    def _is_one(cls, value: str | None, info) -> str | None:
+        if value is None:
+            return value
         wanted, words = QUANTITIES[info.field_name]
         try:
             dimension = measure(value)[1]
@@ -77,17 +82,24 @@ class UnitSystem(Table):
             raise refusal(f"a unit {words}, is needed")
         return value
 
-    def in_si(self, key: str) -> float:
-        """Return how many of the SI unit the unit of ``"length"``, ``"mass"`` or ``"time"`` is."""
-        return measure(getattr(self, key))[0]
+    def factors(self, system: UnitSystem) -> tuple[float, float, float]:
+        """Return how many of a system's unit those of length, mass and time are."""
+        given = ((getattr(self, key), dimension) for key, (dimension, _) in QUANTITIES.items())
+        length, mass, time = (
+            1.0 if unit is None else times(measure(unit)[0], 1.0 / system.size(dimension)) for unit, dimension in given
+        )
+        return length, mass, time
 
 
 class Stated(Table):
-    """Mass properties that matrices must have, in SI units: what the program that wrote them says of the body."""
+    """Mass properties that matrices must have, in the scene's units: what the program that wrote them says of the
+    body."""
 
-    mass: PositiveNumber | None = Field(None, description="mass (kg)")
-    centre: Numbers | None = Field(None, description="centre of mass in the frame of the nodes (m)")
-    inertia: Numbers | None = Field(
+    mass: Annotated[PositiveNumber, Unit("kg")] | None = Field(None, description="mass (kg)")
+    centre: Annotated[Numbers, Unit("m")] | None = Field(
+        None, description="centre of mass in the frame of the nodes (m)"
+    )
+    inertia: Annotated[Numbers, Unit("kg m2")] | None = Field(
         None,
         description="moments of inertia about the centre of mass (kg m2): one in the plane; in space about x, y, z",
     )
@@ -105,12 +117,16 @@ class Matrices(Table):
         min_length=1,
         description="file that says of which node and direction each row is, such as Ansys' .mapping",
     )
-    units: UnitSystem = Field(UnitSystem(), description="units of the files: length, mass, time")
+    units: FileUnits = Field(FileUnits(), description="units of the files: length, mass, time")
     faces: dict[Name, Annotated[str | tuple[int, ...], BeforeValidator(_node_set)]] = Field(
         {}, description="points of the body: a set of the nodes' file, or numbers of nodes"
     )
-    stiffness_scale: PositiveOrParameter = Field(1.0, description="factor of the stiffness, or a parameter's name")
-    mass_scale: PositiveOrParameter = Field(1.0, description="factor of the mass, or a parameter's name")
+    stiffness_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(
+        1.0, description="factor of the stiffness, or a parameter's name"
+    )
+    mass_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(
+        1.0, description="factor of the mass, or a parameter's name"
+    )
     stated: Stated | None = Field(None, description="mass properties that the matrices must have")
 
 
@@ -123,14 +139,16 @@ SINGULAR = 1e-12  # of the largest moment: one below is zero
 class Rigid(Table):
     """Mass properties of a rigid body, and its points."""
 
-    mass: PositiveOrParameter = Field(description="mass (kg), a number or a parameter's name")
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
     inertia: Inertia = Field(
         description="about the centre of mass (kg m2): in the plane izz; in space entries [ixx, iyy, izz, ixy, ixz, "
         "iyz] of the tensor along the axes of the body's frame, of which ixy is minus the integral of x y dm; numbers "
         "or parameters' names"
     )
-    centre: Vector | None = Field(None, description="centre of mass in the body's frame (m); its origin if left out")
-    points: dict[Name, Vector] = Field({}, description="points by name, in the body's frame (m); centre is one")
+    centre: FixedPlace | None = Field(
+        None, description="centre of mass in the body's frame (m); its origin if left out"
+    )
+    points: dict[Name, FixedPlace] = Field({}, description="points by name, in the body's frame (m); centre is one")
 
     @property
     def dimension(self) -> int:
@@ -169,9 +187,9 @@ class Rigid(Table):
         principal = np.linalg.eigvalsh(self.tensor(number))
         words = ", ".join(f"{moment:.6g}" for moment in principal)
         if principal[0] <= SINGULAR * principal[-1]:
-            return f"is not positive definite: its principal moments are {words} kg m2"
+            return f"is not positive definite: its principal moments are {words}"
         if principal.size > 1 and principal[2] > principal[0] + principal[1] + ROUNDED * principal[2]:
-            return f"no body has it: of the principal moments {words} kg m2 the last is above the sum of the others"
+            return f"no body has it: of the principal moments {words} the last is above the sum of the others"
         return ""
 
 
@@ -181,18 +199,24 @@ MOST_ELEMENTS = 100_000
 class Material(Table):
     """An isotropic linear elastic material."""
 
-    E: PositiveOrParameter = Field(description="Young's modulus (Pa), a number or a parameter's name")
+    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(
+        description="Young's modulus (Pa), a number or a parameter's name"
+    )
     nu: Annotated[
         Number,
         no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
-    rho: PositiveOrParameter = Field(description="density (kg/m3), a number or a parameter's name")
+    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(
+        description="density (kg/m3), a number or a parameter's name"
+    )
 
 
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
-    length: PositiveOrParameter = Field(description="length (m), a number or a parameter's name; see docs/method.md")
+    length: Annotated[PositiveOrParameter, Unit("m")] = Field(
+        description="length (m), a number or a parameter's name; see docs/method.md"
+    )
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )
@@ -202,9 +226,9 @@ class StraightBeam(Table):
 class Placement(Table):
     """First guess of a body's place for the assembly: rotate about the mesh's origin, then move."""
 
-    origin: Vector = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
+    origin: FixedPlace = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
     angle: Angle = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise); in the plane")
-    rotation: Triple | None = Field(
+    rotation: Annotated[Triple, Unit("rad")] | None = Field(
         None,
         description="rotation vector: axis times angle (rad); in space, where the angles of joints are zero as placed",
     )
@@ -241,10 +265,10 @@ class Body(Table):
         description="direction (x, y, z) of the second axis of the section of a beam3d, that of its height, in the "
         "body's frame; circles need none",
     )
-    thickness: PositiveOrParameter | None = Field(
+    thickness: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
         None, description="thickness of solid2d (m), a number or a parameter's name"
     )
-    section_scale: PositiveOrParameter | None = Field(
+    section_scale: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None,
         description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh "
         "has 1; a number or a parameter's name",

@@ -16,6 +16,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
+from pgmp_petsc.scene.dimensions import SI, UnknownUnit, take_unit
 from pgmp_petsc.scene.fields import (
     LoadHarmonic,
     LoadTable,
@@ -27,8 +28,8 @@ from pgmp_petsc.scene.fields import (
     quantities_of,
     refusal,
 )
-from pgmp_petsc.scene.units import SI, UnknownUnit, take_unit
-from pgmp_petsc.scene.uses import Use
+from pgmp_petsc.scene.unit_systems import unit_system
+from pgmp_petsc.scene.uses import Use, slides
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
@@ -132,6 +133,10 @@ class EffectEntry(Table):
             for value in found if isinstance(found, tuple) else (found,):
                 if value is not None:
                     yield Use(f"{entry}.{key}", value, sign, unit.turning if turns else unit.sliding)
+
+    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
+        yield from ()
 
     @property
     def is_over_time(self) -> bool:
@@ -256,6 +261,12 @@ class OverTime(EffectEntry):
         for key, value in self.values_over_time:
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
+    def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield the times of a table, or where its rows are along the motion of its joint."""
+        unit = "s" if self.is_over_time else "m" if slides(scene, self) else "rad"
+        for row in range(len(self.table or ())):
+            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
+
     @model_validator(mode="after")
     def _one_function(self) -> Self:
         exactly_one(self, "table", "harmonic")
@@ -292,19 +303,20 @@ class OnJoint(EffectEntry):
         texts, note = [], ""
         if not cls.strength or not exchanged:
             return None
-        _, unit = cls.quantities[cls.strength]
-        for motion, (own,) in (("turning", unit.turning), ("sliding", unit.sliding), ("spin", unit.turning)):
+        _, of = cls.quantities[cls.strength]
+        unit = unit_system(scene).unit
+        for motion, (own,) in (("turning", of.turning), ("sliding", of.sliding), ("spin", of.turning)):
             works = {
                 joint: cls.work(rate, run.time, motion == "spin")
-                for (joint, of), rate in run.joints.items()
-                if of == motion
+                for (joint, own_motion), rate in run.joints.items()
+                if own_motion == motion
             }
             if not any(works.values()):
                 continue
             joint = max(works, key=works.get)
             kind = scene.joints[joint]
             about = f", {motion}" if len(kind.motions) > 1 else f", {kind.type}" if motion == "spin" else ""
-            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {own} on ({joint}{about})")
+            texts.append(f"{tolerance * exchanged / works[joint]:.2g} {unit(own)} on ({joint}{about})")
             note = "; none can be on joints that turn about several axes" if motion == "spin" else ""
         return (np.nan, f"would matter from {', '.join(texts)}{note}") if texts else None
 

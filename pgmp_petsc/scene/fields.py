@@ -1,4 +1,6 @@
-"""Field types that the tables of a scene share: numbers, pairs, names, points. SI units throughout.
+"""Field types that the tables of a scene share: numbers, pairs, names, points.
+
+Numbers are in the scene's units, or texts with a unit of their own where the entry says its `Unit`.
 
 Functions of time that a scene gives: tables, harmonics, and the motions of a driven coordinate.
 """
@@ -9,6 +11,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeGuard, get_args
 
@@ -20,11 +23,14 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    ValidationInfo,
     WithJsonSchema,
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
+from pgmp_petsc.base.unit_systems import SI
+from pgmp_petsc.scene.dimensions import QUANTITY, UnknownUnit, number_of
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
@@ -45,9 +51,12 @@ class Table(BaseModel):
 
 @dataclass(frozen=True)
 class Unit:
-    """A note on an entry that may name a parameter: its unit where it acts on a rotation, and on what slides."""
+    """A note on an entry: its SI unit where it acts on a rotation, and on what slides; none if any may be.
 
-    on_turning: str
+    A number may then be a text with another unit of the dimension, which is converted to the scene's units.
+    """
+
+    on_turning: str = ""
     on_sliding: str = ""
 
     @property
@@ -59,6 +68,51 @@ class Unit:
     def sliding(self) -> tuple[str, ...]:
         """The units that a parameter may be in where something slides."""
         return (self.on_sliding or self.on_turning,)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_before_validator_function(self._numbers, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return _or_text(handler(schema))
+
+    def _numbers(self, value: object, info: ValidationInfo) -> object:
+        """Return numbers in the units of the scene; texts that are none, such as names of parameters, as they are."""
+        if isinstance(value, (list, tuple)):
+            return [self._numbers(one, info) for one in value]
+        if not isinstance(value, str):
+            return value
+        units = dict.fromkeys(one for one in (self.on_turning, self.on_sliding) if one)
+        try:
+            number = number_of(value, tuple(units), (info.context or {}).get("system", SI))
+        except UnknownUnit as error:
+            raise refusal(str(error)) from error
+        return value if number is None else number
+
+
+#: A text that is a number with its unit, for editors.
+TEXT = {"type": "string", "pattern": QUANTITY}
+
+
+def _or_text(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of numbers, for editors, where texts are numbers too; texts that are allowed stay."""
+    if schema.get("type") == "number":
+        limits = {key: schema[key] for key in _OF_NUMBERS if key in schema}
+        return {key: one for key, one in schema.items() if key not in limits} | {"anyOf": [limits, TEXT]}
+    if schema.get("type") == "array":
+        found = dict(schema)
+        if "items" in schema:
+            found["items"] = _or_text(schema["items"])
+        if "prefixItems" in schema:
+            found["prefixItems"] = [_or_text(one) for one in schema["prefixItems"]]
+        return found
+    kinds = schema.get("anyOf", ())
+    if not kinds or any(one.get("type") == "string" for one in kinds):
+        return schema
+    parts = [_or_text(one) for one in kinds]
+    return {**schema, "anyOf": [one for part in parts for one in part.get("anyOf", [part])]}
+
+
+_OF_NUMBERS = ("type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
 
 
 @dataclass(frozen=True)
@@ -73,6 +127,7 @@ def _notes(hint: Any) -> list[Any]:
     return [*getattr(hint, "__metadata__", ()), *(note for part in get_args(hint) for note in _notes(part))]
 
 
+@cache
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
     """Return the entries of a table that may name a parameter, with their signs and units.
 
@@ -238,7 +293,13 @@ def _either(**bounds: float) -> WithJsonSchema:
 #: A finite number; text and booleans are refused.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_of_sensible_size)]
 #: An angle (rad).
-Angle = Annotated[Number, AfterValidator(_no_more_turns)]
+Angle = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad")]
+#: An angle (rad), or a displacement (m) where what it is of slides.
+AngleOrPlace = Annotated[Number, AfterValidator(_no_more_turns), Unit("rad", "m")]
+#: A time (s).
+Time = Annotated[Number, Unit("s")]
+#: A length (m).
+Length = Annotated[Number, Unit("m")]
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
@@ -310,6 +371,7 @@ Along = Annotated[
         "it moves the axes of a body's frame alone, and no mechanism; the length of a line and places of ground.points "
         "may be parameters"
     ),
+    Unit("m"),
 ]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
 Vector = Annotated[
@@ -328,7 +390,10 @@ Place = Annotated[
     ),
     AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "items": _either().json_schema, "minItems": 2, "maxItems": 3}),
+    Unit("m"),
 ]
+#: Places in a body's frame or in space (m), which no parameter can be.
+FixedPlace = Annotated[Vector, Unit("m")]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 #: Three finite numbers (x, y, z).
@@ -353,6 +418,7 @@ Inertia = Annotated[
             ]
         }
     ),
+    Unit("kg m2"),
 ]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 OneLine = Annotated[str, AfterValidator(_one_line)]
@@ -411,39 +477,49 @@ class _OrFile:
 
 
 #: Rows [time (s), value] with increasing times.
-TimeTable = Annotated[tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, _OrFile()]
+TimeTable = Annotated[
+    tuple[Pair, ...], Field(min_length=1), AfterValidator(_times_increase), _OF_MOTIONS, Unit(), _OrFile()
+]
 #: Rows [time (s), value] of a load, whose values may be parameters.
-LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), _OrFile()]
+LoadTable = Annotated[tuple[Row, ...], Field(min_length=1), AfterValidator(_times_increase), Unit(), _OrFile()]
 
 
 class Harmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a coordinate."""
 
-    amplitude: Annotated[Number, _OF_MOTIONS] = Field(description="amplitude (rad or m)")
-    frequency_hz: Annotated[Number, _OF_MOTIONS] = Field(gt=0.0, description="frequency (Hz)")
-    phase: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="phase at time 0 (rad)")
-    mean: Annotated[Number, _OF_MOTIONS] = Field(0.0, description="mean value (rad or m)")
+    amplitude: Annotated[Number, _OF_MOTIONS, Unit("rad", "m")] = Field(description="amplitude (rad or m)")
+    frequency_hz: Annotated[Number, _OF_MOTIONS, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
+    phase: Annotated[Angle, _OF_MOTIONS, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
+    mean: Annotated[Number, _OF_MOTIONS, Unit("rad", "m")] = Field(0.0, description="mean value (rad or m)")
 
 
 class LoadHarmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a torque (N m) or force (N)."""
 
-    amplitude: NumberOrParameter = Field(description="amplitude (N m) or (N), a number or a parameter's name")
-    frequency_hz: Annotated[Number, _OF_TIME] = Field(gt=0.0, description="frequency (Hz)")
-    phase: Annotated[Angle, _OF_TIME] = Field(0.0, description="phase at time 0 (rad)")
-    mean: NumberOrParameter = Field(0.0, description="mean value (N m) or (N), a number or a parameter's name")
+    amplitude: Annotated[NumberOrParameter, Unit()] = Field(
+        description="amplitude (N m) or (N), a number or a parameter's name"
+    )
+    frequency_hz: Annotated[Number, _OF_TIME, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
+    phase: Annotated[Angle, _OF_TIME, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
+    mean: Annotated[NumberOrParameter, Unit()] = Field(
+        0.0, description="mean value (N m) or (N), a number or a parameter's name"
+    )
 
 
 class SpinUp(Table):
     """From rest to a constant speed without a jump of the acceleration (Simo and Vu-Quoc 1986, section 5)."""
 
-    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed at the end (rad/s or m/s)")
-    time: Annotated[Number, _OF_MOTIONS] = Field(gt=0.0, description="time it takes (s)")
-    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle (rad) or displacement (m) at time 0")
+    speed: Annotated[Number, _OF_MOTIONS, Unit("rad/s", "m/s")] = Field(description="speed at the end (rad/s or m/s)")
+    time: Annotated[Number, _OF_MOTIONS, Unit("s")] = Field(gt=0.0, description="time it takes (s)")
+    start: Annotated[AngleOrPlace, _OF_MOTIONS, Unit("rad", "m")] = Field(
+        0.0, description="angle (rad) or displacement (m) at time 0"
+    )
 
 
 class ConstantSpeed(Table):
     """A motion at constant speed."""
 
-    speed: Annotated[Number, _OF_MOTIONS] = Field(description="speed (rad/s or m/s)")
-    start: Annotated[Angle, _OF_MOTIONS] = Field(0.0, description="angle (rad) or displacement (m) at time 0")
+    speed: Annotated[Number, _OF_MOTIONS, Unit("rad/s", "m/s")] = Field(description="speed (rad/s or m/s)")
+    start: Annotated[AngleOrPlace, _OF_MOTIONS, Unit("rad", "m")] = Field(
+        0.0, description="angle (rad) or displacement (m) at time 0"
+    )

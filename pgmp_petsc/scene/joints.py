@@ -393,7 +393,7 @@ class Coordinate(Table):
     points: Connection | None = Field(
         None, description='in place of a joint: two points, "body:point" or "ground:point", whose distance it is'
     )
-    range: Interval = Field(
+    range: Annotated[Interval, Unit("rad", "m")] = Field(
         description="first and last angle (rad), displacement or distance (m); an angle is zero where the frames of "
         "both bodies point the same way, in space where the bodies are as placed, a displacement where the points meet"
     )

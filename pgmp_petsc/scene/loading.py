@@ -26,11 +26,13 @@ import tomli_w
 from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
+from pgmp_petsc.base.unit_systems import SI, UnitSystem
 from pgmp_petsc.files.hdf5 import replacing
+from pgmp_petsc.scene.dimensions import UnknownUnit
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.units import convert_parameters
+from pgmp_petsc.scene.units import convert_parameters, said_system, setting_of
 
 MOST_BYTES = 16_000_000  # of a scene's file
 MOST_ROWS = 100_000  # of a table in a file: every result keeps the scene with them
@@ -285,12 +287,14 @@ def _scene(data: dict[str, Any], directory: Path, overrides: Sequence[str], sett
     for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
         law = parameter.get("distribution") if isinstance(parameter, dict) else None
         _read_law(law, f"parameters.{name}.distribution", directory)
-    given = convert_parameters(data)
-    apply_settings(data, settings)  # after the conversion: they are in SI units
+    system = said_system(data)
+    given = convert_parameters(data, system)
+    apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
+    context = {"directory": directory, "units": given, "system": system, "raw": data}
     try:
-        return Scene.model_validate(data, context={"directory": directory, "units": given})
+        return Scene.model_validate(data, context=context)
     except ValidationError as error:
-        raise explain(error, Scene, given) from error
+        raise explain(error, Scene, given, system) from error
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
@@ -311,10 +315,10 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
         table[keys[-1]] = value
 
 
-def apply_settings(data: dict[str, Any], settings: Sequence[str]) -> None:
+def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSystem = SI) -> None:
     """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
 
-    Raises `InputError` if there is no such parameter or the value is not a finite number.
+    Raises `InputError` if there is no such parameter or the value is no finite number, which may have its unit.
     """
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
@@ -327,16 +331,19 @@ def apply_settings(data: dict[str, Any], settings: Sequence[str]) -> None:
             raise InputError(
                 f"--set {shortened(setting)}: the scene has no parameter '{name}'{nearest_name(name, parameters)}"
             )
-        parameters[name]["value"] = _finite(setting, text)
+        parameters[name]["value"] = _finite(setting, text, parameters[name], system)
 
 
-def _finite(setting: str, text: str) -> float:
+def _finite(setting: str, text: str, parameter: dict[str, Any], system: UnitSystem) -> float:
     try:
-        value = float(text)
+        with_unit = setting_of(text.strip("\"'"), parameter, system)
+        value = float(text) if with_unit is None else with_unit
+    except UnknownUnit as error:
+        raise InputError(f"--set {shortened(setting)}: {error}") from error
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        needed = "the number of SI units alone is needed"
+        needed = f"a number of the scene's units ({system}), or one with its unit, such as '5 mm', is needed"
         raise InputError(f"--set {shortened(setting)}: '{shortened(text)}' is not a finite number; {needed}")
     return value
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
+from pgmp_petsc.base.unit_systems import SI, UnitSystem
 from pgmp_petsc.declare.ideas import Found
 
 if TYPE_CHECKING:
@@ -76,20 +77,23 @@ def dotted_name(keys: Sequence[str | int]) -> str:
     return name
 
 
-def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str]) -> InputError:
+def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, str], system: UnitSystem) -> InputError:
     """Turn what pydantic says about tables read as a `model` into messages for the author of the scene.
 
     Parameters
     ----------
     units
         Units of parameters that were converted.
+    system
+        Units that they were converted to.
     """
     problems = []
     for details in error.errors(include_url=False):
         table, name, *_ = *details["loc"], "", ""
         text = _explain(details, model)
         if table == "parameters" and name in units and details["type"] == "refusal" and re.search(r"\d", text):
-            text += f" (in SI units; the scene's are in {units[name]})"
+            own = "SI units" if system == SI else str(system)
+            text += f" (in {own}; the scene's are in {units[name]})"
         problems.append(text)
     return input_error(problems)
 

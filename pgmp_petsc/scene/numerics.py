@@ -12,13 +12,15 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import (
-    Angle,
+    AngleOrPlace,
     Integer,
     Name,
     Number,
     NumberOrParameter,
     PositiveNumber,
     Table,
+    Time,
+    Unit,
     at_most,
     exactly_one,
     no_parameter,
@@ -116,13 +118,14 @@ class InitialState(Table):
     """Where a coordinate starts."""
 
     position: Annotated[
-        Angle,
+        AngleOrPlace,
         no_parameter(
             "displacements, and the turns of angles, count from one place for all samples; run once for each position "
             "(--override), or start from one place with a velocity, which may be a parameter"
         ),
+        Unit("rad", "m"),
     ] = Field(0.0, description="angle (rad) or displacement (m) at the start")
-    velocity: NumberOrParameter = Field(
+    velocity: Annotated[NumberOrParameter, Unit("rad/s", "m/s")] = Field(
         0.0, description="velocity at the start (rad/s or m/s), a number or a parameter's name"
     )
 
@@ -151,13 +154,13 @@ class Initial(Table):
 class Simulation(Table):
     """One run over time."""
 
-    duration: Number = Field(1.0, gt=0.0, description="end time (s)")
+    duration: Time = Field(1.0, gt=0.0, description="end time (s)")
     tolerance: Share | None = Field(
         None,
         description="largest error of any output by the time step, as a share of its largest value over time; the step "
         "is chosen where it is not given",
     )
-    step: Number = Field(1.0e-3, gt=0.0, description="time step (s)")
+    step: Time = Field(1.0e-3, gt=0.0, description="time step (s)")
     spectral_radius: Number = Field(
         0.8,
         ge=0.0,
@@ -202,7 +205,7 @@ class Reference(Table):
         description='"varied": tolerances are tried under larger and quicker loads than the scene\'s too; "own": under '
         "its own alone, and hold for no others",
     )
-    budget: PositiveNumber = Field(
+    budget: Annotated[PositiveNumber, Unit("s")] = Field(
         600.0,
         description="processor time that the runs of the reference may be predicted to take, all ranks, and five times "
         "what a candidate basis may, built and run (s)",
@@ -221,8 +224,12 @@ class Event(Table):
     """An output above or below a level, at the end of a run or at any time in it."""
 
     output: str = Field(description="name of an output")
-    above: Number | None = Field(None, description="the event is an output above this level, in the output's unit")
-    below: Number | None = Field(None, description="the event is an output below this level, in the output's unit")
+    above: Annotated[Number, Unit()] | None = Field(
+        None, description="the event is an output above this level, in the output's unit"
+    )
+    below: Annotated[Number, Unit()] | None = Field(
+        None, description="the event is an output below this level, in the output's unit"
+    )
     when: Literal["end", "ever"] = Field(
         "end",
         description='"end": at the end time; "ever": at the end of any step, the start included; the instant of the '

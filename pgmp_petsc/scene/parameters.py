@@ -39,7 +39,7 @@ from pydantic import ConfigDict, Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.base.errors import nearest_name
-from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, at_most, refusal
+from pgmp_petsc.scene.fields import Integer, Interval, Number, PositiveNumber, Table, Unit, at_most, refusal
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem
 
@@ -189,7 +189,9 @@ class Parameter(Table):
 
     nominal: Number = Field(description="value at which the reduced basis is built")
     unit: str = Field(
-        "", description="unit of the values, bounds, loc and scale, such as mm; SI if not given; converted to SI"
+        "",
+        description="unit of the values, bounds, loc and scale, such as mm; the scene's if not given, to which they are "
+        "converted",
     )
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
@@ -395,7 +397,7 @@ class RandomField(Table):
         'rectangle of beam2d; "thickness" of solid2d'
     )
     variation: PositiveNumber = Field(description="coefficient of variation: deviation over mean")
-    length: PositiveNumber = Field(description="correlation length (m)")
+    length: Annotated[PositiveNumber, Unit("m")] = Field(description="correlation length (m)")
     kernel: Literal["exponential", "squared_exponential", "matern"] = Field(
         "exponential", description="correlation over the distance"
     )

@@ -14,8 +14,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from pgmp_petsc.scene.dimensions import QUANTITY, SI
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.units import SI
 
 DIALECT = "http://json-schema.org/draft-04/schema#"
 TITLE = "Scene of pgmp"
@@ -45,7 +45,8 @@ def editor_schema() -> dict[str, Any]:
         "$schema": DIALECT,
         "title": TITLE,
         **schema,
-        "description": "A mechanism, what acts on it, how it is computed and what is asked of it. SI units.",
+        "description": "A mechanism, what acts on it, how it is computed and what is asked of it. SI units, or "
+        "those of `scene.units`.",
         "definitions": {name: _table_schema(model) for name, model in found["$defs"].items()},
     }
 
@@ -124,11 +125,12 @@ models that read scenes, and a test holds it to them: `pgmp schema -o docs/scene
 [scenes.md](scenes.md) says what the entries mean together, what is refused and what is warned of;
 [effects.md](effects.md) what acts how.
 
-Numbers are in SI units. An entry with "or a parameter" takes a number or the name of one of `[parameters]`. What has
-neither a default nor the word *needed* is absent unless a scene has it. Names that a scene chooses begin with a letter
-or `_` and go on with letters, digits, `_` and `-`.
+Numbers are in SI units, or in those of `scene.units`. A number that has a unit in these tables may be a text with
+another one of its kind, such as `"500 mm"` or `"30 deg"`. An entry with "or a parameter" takes a number or the name of
+one of `[parameters]`. What has neither a default nor the word *needed* is absent unless a scene has it. Names that a
+scene chooses begin with a letter or `_` and go on with letters, digits, `_` and `-`.
 """
-#: Units in texts that are written otherwise than in `units.SI`.
+#: Units in texts that are written otherwise than in `dimensions.SI`.
 SPELLED = {
     "Nm": "N m",
     "Nm/rad": "N m/rad",
@@ -222,8 +224,10 @@ def allowed(entry: Mapping[str, Any]) -> str:
     if "enum" in entry:
         return ", ".join(f'`"{one}"`' for one in entry["enum"])
     if "anyOf" in entry:
-        words = [allowed(one) for one in entry["anyOf"]]
-        is_quantity = {one.get("type") for one in entry["anyOf"]} == {"number", "string"}
+        limits = {key: entry[key] for key in entry if "imum" in key}
+        kinds = [one for one in entry["anyOf"] if one.get("pattern") != QUANTITY]  # numbers may be texts with a unit
+        words = [allowed(one | limits if one.get("type") == "number" else one) for one in kinds]
+        is_quantity = {one.get("type") for one in kinds} == {"number", "string"}
         return f"{words[0]} or a parameter" if is_quantity else " or ".join(words)
     if "allOf" in entry or "oneOf" in entry:
         return "table"

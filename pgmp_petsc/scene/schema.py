@@ -1,10 +1,10 @@
-"""The scene: everything that a user says about a mechanism, validated. SI units throughout."""
+"""The scene: everything that a user says about a mechanism, validated. Numbers are in the units that it says."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
@@ -27,17 +27,23 @@ from pgmp_petsc.scene.numerics import (
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
 from pgmp_petsc.scene.references import part_problems, parts_of, reference_problems
-from pgmp_petsc.scene.units import unit_problems
+from pgmp_petsc.scene.units import text_problems, unit_problems
 from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 
 
 class Header(Table):
-    """What the scene is called."""
+    """What the scene is called, and in which units it is."""
 
     name: OneLine = Field(min_length=1, description="short name, used in reports and titles")
     description: str = Field("", description="what the scene shows")
+    units: Literal["SI", "mm"] | None = Field(
+        None,
+        description='units of all numbers of the scene, of its meshes and of what is computed: "SI", the same as '
+        'nothing; "mm": mm, t, s, N, MPa and mJ. Angles are in rad. A number may also be a text with its own unit, '
+        '"500 mm" or "30 deg"',
+    )
 
 
 class Scene(Table):
@@ -204,7 +210,8 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _references_hold(self, info: ValidationInfo) -> Self:
-        given = (info.context or {}).get("units", {})
+        context = info.context or {}
+        given, raw = context.get("units", {}), context.get("raw", {})
         problems = [
             *reference_problems(self),
             *correlation_problems(self),
@@ -213,6 +220,7 @@ class Scene(Table):
             *part_problems(self),
             *ensemble_problems(self),
             *unit_problems(self, given),
+            *text_problems(self, raw),
         ]
         if problems:
             raise input_error(problems)

@@ -1,23 +1,18 @@
-"""In which consistent units a scene is written: those in which all of its materials are ones that exist.
-
-Scenes are in SI units, and all equations hold in any other consistent ones too. What has a size of its own does not:
-the acceleration of gravity that is not said, and what is judged in m/s.
-"""
+"""In which consistent units a scene is: those that it says, or those in which its materials are ones that exist."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgmp_petsc.scene.bodies import Material
+from pgmp_petsc.base.unit_systems import OTHERS, SAID, SI, UnitSystem
 
 if TYPE_CHECKING:
+    from pgmp_petsc.scene.bodies import Material
     from pgmp_petsc.scene.schema import Scene
 
 WAVE_SPEEDS = (100.0, 20_000.0)  # m/s, of longitudinal waves: 50 in rubber, 1,300 in lead, 12,000 in diamond
 DENSITIES = (10.0, 25_000.0)  # kg/m3: foams to osmium
-STANDARD_GRAVITY = 9.81  # m/s2
 #: Density and modulus of steel, aluminium, titanium, copper, magnesium, tungsten, a ceramic, concrete, wood, fibres
 #: in carbon and in glass, nylon, polyethylene, rubber and foam.
 COMMON = (
@@ -26,73 +21,36 @@ COMMON = (
     (950.0, 1e9), (1100.0, 5e6), (50.0, 1e7),
 )  # fmt: skip
 FAR = 1.0  # sum of the logarithms of both ratios
+DENSITY, STRESS = (1, -3, 0), (1, -1, -2)  # exponents of kg, m and s
 
 
-@dataclass(frozen=True)
-class UnitSystem:
-    """Consistent units: how many m, kg and s one of length, mass and time is; names of these, of force and pressure."""
-
-    names: tuple[str, str, str]
-    length: float = 1.0
-    mass: float = 1.0
-    time: float = 1.0
-    force: str = "N"
-    pressure: str = "Pa"
-
-    @property
-    def gravity(self) -> float:
-        """The Earth's acceleration in these units."""
-        return STANDARD_GRAVITY * self.time**2 / self.length
-
-    @property
-    def speed(self) -> float:
-        """How many m/s one unit of speed is."""
-        return self.length / self.time
-
-    def unit(self, si: str) -> str:
-        """Return what numbers are in here that would be in an SI unit, ``mm`` for ``m``."""
-        names = {"m": self.names[0], "kg": self.names[1], "s": self.names[2], "N": self.force, "Pa": self.pressure}
-        return "/".join(" ".join(names.get(word, word) for word in part.split(" ")) for part in si.split("/"))
-
-    def in_si(self, scene: Scene, material: Material) -> tuple[float, float]:
-        """Return the density, kg/m3, and the modulus, Pa, of a material whose numbers are in these units."""
-        modulus = self.mass / (self.length * self.time**2)
-        return scene.number(material.rho) * self.mass / self.length**3, scene.number(material.E) * modulus
-
-    def has(self, scene: Scene, material: Material) -> bool:
-        """Whether a material in these units is one that exists."""
-        density, modulus = self.in_si(scene, material)
-        exists = DENSITIES[0] <= density <= DENSITIES[1]
-        return exists and WAVE_SPEEDS[0] <= math.sqrt(modulus / density) <= WAVE_SPEEDS[1]
-
-    def __str__(self) -> str:
-        return "{}, {} and {}".format(*self.names)
+def in_si(scene: Scene, material: Material, system: UnitSystem) -> tuple[float, float]:
+    """Return the density, kg/m3, and the modulus, Pa, of a material whose numbers are in the units of a system."""
+    density, modulus = scene.number(material.rho), scene.number(material.E)
+    return density * system.size(DENSITY), modulus * system.size(STRESS)
 
 
-SI = UnitSystem(("m", "kg", "s"))
-#: Others that programs are fed with.
-OTHERS = (
-    UnitSystem(("mm", "t", "s"), 1e-3, 1e3, 1.0, "N", "MPa"),
-    UnitSystem(("mm", "kg", "ms"), 1e-3, 1.0, 1e-3, "kN", "GPa"),
-    UnitSystem(("mm", "kg", "s"), 1e-3, 1.0, 1.0, "mN", "kPa"),
-    UnitSystem(("mm", "g", "ms"), 1e-3, 1e-3, 1e-3, "N", "MPa"),
-    UnitSystem(("mm", "g", "s"), 1e-3, 1e-3, 1.0, "uN", "Pa"),
-    UnitSystem(("cm", "g", "s"), 1e-2, 1e-3, 1.0, "dyn", "dyn/cm2"),
-    UnitSystem(("cm", "kg", "s"), 1e-2, 1.0, 1.0, "cN", "cN/cm2"),
-    UnitSystem(("m", "t", "s"), 1.0, 1e3, 1.0, "kN", "kPa"),
-    UnitSystem(("in", "lbf s2/in", "s"), 0.0254, 175.126835, 1.0, "lbf", "psi"),
-    UnitSystem(("um", "kg", "s"), 1e-6, 1.0, 1.0, "uN", "MPa"),
-)
+def exists(density: float, modulus: float) -> bool:
+    """Whether there is a material of a density (kg/m3) and a modulus (Pa)."""
+    has_density = DENSITIES[0] <= density <= DENSITIES[1]
+    return has_density and WAVE_SPEEDS[0] <= math.sqrt(modulus / density) <= WAVE_SPEEDS[1]
 
 
-def unit_system(scene: Scene) -> UnitSystem | None:
+def unit_system(scene: Scene) -> UnitSystem:
+    """Return the units of a scene: those that it says, or else those that its materials are in; SI if these are none.
+
+    See `material_units`."""
+    return SAID[scene.scene.units] if scene.scene.units else material_units(scene) or SI
+
+
+def material_units(scene: Scene) -> UnitSystem | None:
     """Return SI where all materials of bodies exist in it, else the system in which they are nearest to common ones;
     None where they are near to none in any."""
     used = {material for body in scene.bodies.values() for material in (body.material, *body.regions.values())}
     materials = [material for name, material in scene.materials.items() if name in used]
-    if all(SI.has(scene, material) for material in materials):
+    if all(exists(*in_si(scene, material, SI)) for material in materials):
         return SI
-    apart = {one: max(_apart(*one.in_si(scene, material)) for material in materials) for one in OTHERS}
+    apart = {one: max(_apart(*in_si(scene, material, one)) for material in materials) for one in OTHERS}
     nearest = min(OTHERS, key=apart.__getitem__)
     return nearest if apart[nearest] < FAR else None
 

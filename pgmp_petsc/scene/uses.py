@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.scene.fields import Sign
+from pgmp_petsc.scene.fields import Sign, quantities_of
 from pgmp_petsc.scene.joints import MEASURED
 from pgmp_petsc.scene.messages import problem
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
 
-MATERIAL = {"E": "Pa", "rho": "kg/m3"}
-BODY = {"thickness": "m", "section_scale": "1"}
 MATRICES = ("stiffness_scale", "mass_scale")
 
 
@@ -68,19 +66,19 @@ def uses_of(scene: Scene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
     for name, material in scene.materials.items():
-        for key, unit in MATERIAL.items():
-            yield Use(f"materials.{name}.{key}", getattr(material, key), "positive", (unit,))
+        for key, (sign, unit) in quantities_of(type(material)).items():
+            yield Use(f"materials.{name}.{key}", getattr(material, key), sign, unit.turning)
     for name, field in scene.fields.items():
         for parameter in field.names(name):
             yield Use(f"fields.{name}", parameter, "any", ("1",))
     for name, body in scene.bodies.items():
-        for key, unit in BODY.items():
+        for key, (sign, unit) in quantities_of(type(body)).items():
             if getattr(body, key) is not None:
-                yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
+                yield Use(f"bodies.{name}.{key}", getattr(body, key), sign, unit.turning)
         if body.rigid is not None:
             yield Use(f"bodies.{name}.rigid.mass", body.rigid.mass, "positive", ("kg",))
             for key, moment in body.rigid.moments.items():
-                sign: Sign = "positive" if key[1] == key[2] else "any"
+                sign = "positive" if key[1] == key[2] else "any"
                 yield Use(f"bodies.{name}.rigid.inertia.{key}", moment, sign, ("kg m2",))
         for key in MATRICES if body.matrices is not None else ():
             yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
@@ -97,6 +95,23 @@ def uses_of(scene: Scene) -> Iterator[Use]:
                 yield Use(f"joints.{name}.{table}.{key}", *use)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
+
+
+def measured_uses(scene: Scene) -> Iterator[Use]:
+    """Yield entries that no parameter can be, and whose unit hangs on what the rest of the scene says."""
+    of = {name: slides(scene, coordinate) for name, coordinate in scene.coordinates.items()}
+    for name, slid in of.items():
+        yield Use(f"coordinates.{name}.range", 0.0, "any", ("m" if slid else "rad",))
+    for name in scene.simulation.initial:
+        slid = of.get(name, False)
+        yield Use(f"simulation.initial.{name}.position", 0.0, "any", ("m" if slid else "rad",))
+        yield Use(f"simulation.initial.{name}.velocity", 0.0, "any", ("m/s" if slid else "rad/s",))
+    for name, effect in scene.effects.items():
+        yield from effect.measured(scene, f"effects.{name}")
+    for label, event in scene.ensemble.probabilities.items():
+        output = scene.outputs.get(event.output)
+        for key in ("above", "below") if output is not None else ():
+            yield Use(f"ensemble.probabilities.{label}.{key}", 0.0, "any", (output.unit_in(scene),))
 
 
 def offset_names(scene: Scene) -> set[str]:

@@ -14,6 +14,7 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.results.selection import Assembly
 from pgmp_petsc.results.trajectory import Frames
 from pgmp_petsc.scene import GROUND, Scene
+from pgmp_petsc.scene.unit_systems import unit_system
 
 
 def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
@@ -56,4 +57,4 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
         if connection.name in scene.joints
     }
     where = words_of(mechanism.coordinates, theta, 4)
-    return Assembly(scene.name, where, frames, joints, points)
+    return Assembly(scene.name, where, frames, joints, points, unit_system(scene).unit("m"))

@@ -34,8 +34,9 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
     return Balance(energies.kinetic, energies.strain, potential, work)
 
 
-def balance_remarks(balance: Balance, step: float) -> list[Remark]:
-    """Return a warning where the energies of a run with steps of this length, s, are far from balance."""
+def balance_remarks(balance: Balance, step: float, joule: str = "J") -> list[Remark]:
+    """Return a warning where the energies of a run with steps of this length, s, are far from balance; `joule` is
+    their unit."""
     residual, exchanged = np.abs(balance.residual), balance.exchanged
     largest = float(residual.max())
     stored = max(float(np.abs(part).max()) for part in (balance.kinetic, balance.strain, balance.potential))
@@ -44,10 +45,10 @@ def balance_remarks(balance: Balance, step: float) -> list[Remark]:
         return []
     return [
         warning(
-            f"energies are out of balance by up to {largest:.3g} J, of {exchanged:.3g} J that were moved around: steps "
-            f"of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a joint on which a "
-            "load sets in at once; stresses and deformations, and the motion too, may be far off; let such loads rise "
-            "from zero over ten steps or more, or take a smaller simulation.step"
+            f"energies are out of balance by up to {largest:.3g} {joule}, of {exchanged:.3g} {joule} that were moved "
+            f"around: steps of {step:.3g} s do not resolve what goes on, such as the vibration of light nodes in a "
+            "joint on which a load sets in at once; stresses and deformations, and the motion too, may be far off; let "
+            "such loads rise from zero over ten steps or more, or take a smaller simulation.step"
         )
     ]
 

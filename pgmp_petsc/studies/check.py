@@ -29,6 +29,7 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import parts_of, points_used
+from pgmp_petsc.scene.unit_systems import unit_system
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
@@ -99,31 +100,31 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
 
 
 def _bodies(mechanism: Mechanism) -> list[str]:
-    lines = []
+    lines, system = [], unit_system(mechanism.scene)
     for body in mechanism.bodies:
         if not body.flexible:
             weights = ", ".join(map(str, sorted(body.mass_weights)))
             given = _given(mechanism.scene, body.name)
-            said = "" if given is None else f", {_properties_text(given)}"
+            said = "" if given is None else f", {_properties_text(given, mechanism.scene)}"
             lines.append(f"  body          {body.name}: rigid{said}, weights of its mass {weights}")
             continue
         stiffness = ", ".join(map(str, sorted(body.condensed_weights("stiffness"))))
         frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.face_frames.items())
         frames = frames and f"; frames {frames}"
-        lines.append(f"  body          {body.name}: {body.described}, weights {stiffness}{frames}")
+        lines.append(f"  body          {body.name}: {body.described(system)}, weights {stiffness}{frames}")
     return lines
 
 
 def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
-    lines = []
+    lines, of_speed = [], unit_system(scene).unit("m/s")
     for name, body in meshes.items():
         found = given_properties(body)
         if found is not None:
             lines += [
-                f"  matrices      {name}: {_properties_text(found)}",
+                f"  matrices      {name}: {_properties_text(found, scene)}",
                 f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
-                f"{body.wave_speed:.4g} m/s; whether nothing else is free, and K positive, a build finds out",
+                f"{body.wave_speed:.4g} {of_speed}; whether nothing else is free, and K positive, a build finds out",
             ]
             alike: dict[bool, list[str]] = {}
             for point, entry in points_used(scene, name).items():
@@ -145,13 +146,14 @@ def _given(scene: Scene, name: str) -> MassProperties | None:
     return MassProperties(scene.number(rigid.mass), rigid.places["centre"], second)
 
 
-def _properties_text(found: MassProperties) -> str:
+def _properties_text(found: MassProperties, scene: Scene) -> str:
+    kg, metre, of_inertia = map(unit_system(scene).unit, ("kg", "m", "kg m2"))
     centre = ", ".join(f"{x:.6g}" for x in found.centre)
     moments = found.inertia[np.triu_indices(len(found.inertia))]
     kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
     inertia = ", ".join(f"{x:.6g}" for x in kept)
     which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
-    return f"{found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} {inertia} kg m2"
+    return f"{found.mass:.6g} {kg}, centre of mass ({centre}) {metre}, inertia about it{which} {inertia} {of_inertia}"
 
 
 def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:

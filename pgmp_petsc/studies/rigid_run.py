@@ -19,8 +19,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Table
-from pgmp_petsc.scene.uses import BODY, MATERIAL
+from pgmp_petsc.scene.fields import Table, quantities_of
 from pgmp_petsc.stepping.energies import Energies, joined
 from pgmp_petsc.stepping.generalised_alpha import count_steps, integrate
 from pgmp_petsc.stepping.second_order_system import State
@@ -121,8 +120,10 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     bodies = {}
     for name, body in scene.bodies.items():
         section = None if body.section is None else valued(body.section, body.section.quantities)
-        bodies[name] = valued(body, BODY).model_copy(update={"flexible": False, "section": section})
-    materials = {name: valued(material, MATERIAL) for name, material in scene.materials.items()}
+        bodies[name] = valued(body, quantities_of(type(body))).model_copy(
+            update={"flexible": False, "section": section}
+        )
+    materials = {name: valued(material, quantities_of(type(material))) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not effect.on_vibrations}
     # stresses are those of flexible bodies alone
     changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}, "fields": {}}

@@ -41,6 +41,7 @@ from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.stepping.generalised_alpha import (
     Attempt,
     Run,
@@ -226,7 +227,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             (
                 *why_stopped(model, part.run, ""),
                 *steps,
-                *balance_remarks(balance, part.attempt.simulation.step),
+                *balance_remarks(balance, part.attempt.simulation.step, unit_system(model.scene).unit("J")),
                 *estimated,
                 *why_not_of_full_order(model),
                 *started,
@@ -316,10 +317,10 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
-    balance = balance_of(part.time, part.recorded["energies"])
+    balance, joule = balance_of(part.time, part.recorded["energies"]), unit_system(model.scene).unit("J")
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *balance_remarks(balance, part.attempt.simulation.step), *truncated_stresses(model.scene),
+        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, joule), *truncated_stresses(model.scene),
          *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),

@@ -9,6 +9,7 @@ from solids import body_of, matrices_of, mesh_of
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import assembled_reading
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.base.unit_systems import SI
 from pgmp_petsc.bodies.assembled_reading import check_free, check_mass, check_places, check_stated, made_symmetric
 from pgmp_petsc.scene.bodies import Stated
 
@@ -74,7 +75,7 @@ def test_a_mass_that_lanczos_cannot_tell_is_refused(monkeypatch: pytest.MonkeyPa
 def test_stated_properties_may_differ_by_their_share() -> None:
     found = MassProperties(2.0, np.array([0.5, 0.0, 0.0]), np.diag([0.3, 0.2, 0.1]))
     near = Stated(mass=2.001, centre=(0.5001, 0.0, 0.0), inertia=(0.3001, 0.4, 0.5), within=1e-3)
-    check_stated(found, near, "stated")
+    check_stated(found, near, "stated", SI)
     for key, value in (("mass", 2.01), ("centre", (0.51, 0.0, 0.0)), ("inertia", (0.31, 0.4, 0.5))):
         with pytest.raises(InputError, match=rf"^stated\.{key} = .* differs by more than stated\.within = 0\.001"):
-            check_stated(found, near.model_copy(update={key: value}), "stated")
+            check_stated(found, near.model_copy(update={key: value}), "stated", SI)

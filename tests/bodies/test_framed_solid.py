@@ -59,7 +59,7 @@ def test_a_region_may_be_the_whole_body() -> None:
     [
         (plate(), {"middle": "brass", "end": "cork"}, "regions.end: 2 of its 4 cells are in region middle"),
         (plate(), {"nowhere": "brass"}, "bodies.plate.regions.nowhere"),
-        (plate(y=1e-6), {}, r'hinge.connect = "left": its 2 faces have a radius of gyration of 2.89e-07 m'),
+        (plate(y=1e-6), {}, r'hinge.connect = "left": its 2 faces have a radius of gyration of 1.44e-07 of the body'),
     ],
     ids=["overlapping regions", "unknown region", "too small a group"],
 )

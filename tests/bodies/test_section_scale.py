@@ -119,8 +119,8 @@ def test_a_scaled_body_moves_as_a_rigid_one_at_every_scale() -> None:
 @pytest.mark.parametrize(
     "point, move, message",
     [
-        ("left", (0.0, 0.02, 0.0), r'body.section_scale: the faces of "left" have their centre 0.02 m off the x axis'),
-        ("top", (0.0, 0.0, -0.02), r'the faces of "top" extend over 0.6 m along the x axis of the mesh'),
+        ("left", (0.0, 0.02, 0.0), r'body.section_scale: the faces of "left" have their centre 0.0333 of the extent'),
+        ("top", (0.0, 0.0, -0.02), r'the faces of "top" extend over 1 of the mesh along its x axis'),
     ],
 )
 def test_groups_that_are_no_sections_are_refused(point: str, move: tuple[float, ...], message: str) -> None:

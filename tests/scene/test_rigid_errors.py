@@ -56,9 +56,9 @@ bodies.rod={material="steel", line={length=0.1, elements=2}} -> bodies.rod.eleme
 """,
     SPACE: """
 bodies.drum.rigid.inertia=[0.03, 0.03, 0.07, 0.0, 0.0, 0.0] -> \
-    = [0.03, 0.03, 0.07, 0.0, 0.0, 0.0]: no body has it: of the principal moments 0.03, 0.03, 0.07 kg m2 the last is
+    = [0.03, 0.03, 0.07, 0.0, 0.0, 0.0]: no body has it: of the principal moments 0.03, 0.03, 0.07 the last is
 bodies.drum.rigid.inertia=[0.03, 0.03, 0.04, 0.05, 0.0, 0.0] -> \
-    = [0.03, 0.03, 0.04, 0.05, 0.0, 0.0]: is not positive definite: its principal moments are -0.02, 0.04, 0.08 kg m2
+    = [0.03, 0.03, 0.04, 0.05, 0.0, 0.0]: is not positive definite: its principal moments are -0.02, 0.04, 0.08
 bodies.drum.rigid.inertia=[0.0, 0.03, 0.03, 0.0, 0.0, 0.0] -> \
     = [0.0, 0.03, 0.03, 0.0, 0.0, 0.0]: moments of inertia are positive
 parameters.j.value=0.08 -> bodies.drum.rigid.inertia = ["j", 0.03, 0.04, 0.0, 0.0, 0.0]: no body has it

@@ -4,11 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.units import SI, measure
+from pgmp_petsc.scene.dimensions import SI, measure
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 MILLIMETRES = (
@@ -124,3 +125,72 @@ def test_si_units_need_no_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+TEXTS = [
+    ('bodies.rod.section.radius="5 mm"', lambda scene: scene.bodies["rod"].section.radius, 5e-3),
+    ('materials.steel={E="210 GPa", nu=0.3, rho="7.8 g/cm3"}', lambda scene: scene.materials["steel"].E, 210e9),
+    ('materials.steel={E="210 GPa", nu=0.3, rho="7.8 g/cm3"}', lambda scene: scene.materials["steel"].rho, 7800.0),
+    ('ground.points={far=["30 cm", 0.1]}', lambda scene: scene.ground.points["far"], (0.3, 0.1)),
+    ('bodies.rod.placement={origin=["100 mm", 0.0], angle="30 deg"}',
+     lambda scene: (*scene.bodies["rod"].placement.origin, scene.bodies["rod"].placement.angle), (0.1, 0.0, np.pi / 6)),
+    ('coordinates.theta.range=["0 deg", "360 deg"]', lambda scene: scene.coordinates["theta"].range, (0, 2 * np.pi)),
+    ('simulation.duration="200 ms"', lambda scene: scene.simulation.duration, 0.2),
+    ('simulation.initial.theta={position="-90 deg", velocity="60 rpm"}',
+     lambda scene: (scene.initial_state("theta").position, scene.initial_state("theta").velocity),
+     (-np.pi / 2, 2 * np.pi)),
+    ('effects.motor={type="torque", joint="crank_hinge", table=[["0 ms", "1 N cm"], ["1 min", 2]]}',
+     lambda scene: sum(scene.effects["motor"].table, ()), (0.0, 0.01, 60.0, 2.0)),
+    ('effects.motor={type="torque", joint="crank_hinge", harmonic={amplitude="2 N cm", frequency_hz="300 rpm"}}',
+     lambda scene: (scene.effects["motor"].harmonic.amplitude, scene.effects["motor"].harmonic.frequency_hz),
+     (0.02, 5.0)),
+    ('effects.s={type="spring_damper", joint="crank_hinge", stiffness="5 N mm/deg", rest="90 deg"}',
+     lambda scene: (scene.effects["s"].stiffness, scene.effects["s"].rest), (0.9 / np.pi, np.pi / 2)),
+    ('parameters.r1={nominal="5.6 mm", bounds=["0.1 cm", 0.012], distribution={name="norm", loc="5.6 mm", scale="560 um"}}',
+     lambda scene: (scene.nominal["r1"], *scene.parameters["r1"].distribution.arguments.values()),
+     (5.6e-3, 5.6e-3, 0.56e-3)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("entry", "value", "expected"), TEXTS, ids=[entry[:60] for entry, *_ in TEXTS])
+def test_numbers_with_their_own_unit_are_converted(entry: str, value: object, expected: object) -> None:
+    scene = load_scene(SLIDER_CRANK, [entry])
+    assert value(scene) == pytest.approx(expected, rel=1e-15)
+    assert scene_from_toml(scene_to_toml(scene), SLIDER_CRANK.parent) == scene
+
+
+def test_a_setting_may_have_its_unit() -> None:
+    for law in (['parameters.r1.unit="m"'], [MILLIMETRES]):
+        assert load_scene(SLIDER_CRANK, law, ["r1=5 mm"]).values["r1"] == 5e-3
+        with pytest.raises(InputError, match="'kg' is the unit of a mass"):
+            load_scene(SLIDER_CRANK, law, ["r1=5 kg"])
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('bodies.rod.section.radius="5 kg"', r"^bodies\.rod\.section\.radius = .* 'kg' is the unit of a mass; .* a length"),
+        ('bodies.rod.section.radius="5"', r"^bodies\.rod\.section\.radius = .* has its unit behind it"),
+        ('bodies.rod.section.radius="5 mmm"', r"^bodies\.rod\.section\.radius = .*did you mean 'mm'"),
+        ('bodies.rod.section.radius="5 K"', r"^bodies\.rod\.section\.radius = .*scenes have no use for"),
+        ('simulation.step="1 mm"', r"^simulation\.step = .* a length; needed is a time \(s\)"),
+        ('simulation.initial.theta={position="1 mm"}', r"^simulation\.initial\.theta\.position .* a length; .* angle"),
+        ('simulation.initial.theta={velocity="5 Hz"}', r"^simulation\.initial\.theta\.velocity .* counts turns"),
+        ('coordinates.theta.range=["0 m", "6.283185307179586 m"]', r"^coordinates\.theta\.range = .* a length"),
+        ('effects.s={type="spring_damper", joint="crank_hinge", stiffness="5 N/mm"}', r"^effects\.s\.stiffness = .* stiff"),
+        ('effects.s={type="spring_damper", joint="slider", stiffness="5 N mm"}', r"^effects\.s\.stiffness = "),
+        ('effects.motor={type="torque", joint="crank_hinge", table=[[0, "1 N"]]}', r"^effects\.motor\.table\[0\] .* a force"),
+        ('effects.motor={type="torque", joint="crank_hinge", table=[["1 m", 1]]}', r"^effects\.motor\.table\[0\]\[0\]"),
+        ('effects.m={type="prescribed_motion", coordinate="theta", constant_speed={speed="1 m/s"}}',
+         r"effects\.m\.constant_speed\.speed = .* a speed; needed is a frequency or an angular speed"),
+        ('ensemble.probabilities.far={output="slider_position", above="5 N"}', r"^ensemble\.probabilities\.far\.above = "),
+        ('parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]}', r"^parameters\.r1 = \"1 kg\": .* a mass"),
+        ('parameters.r1={nominal="5.6"}', r"^parameters\.r1 = \"5.6\": .* unit behind"),
+        ('parameters.r1={nominal="5.6 mmm"}', r"^parameters\.r1 = .*did you mean 'mm'"),
+        ('scene.units="mmm"', r"^scene\.units = \"mmm\": unknown; did you mean 'mm'\? \(allowed: SI, mm\)"),
+        ('scene.units=3', r"^scene\.units = 3: unknown \(allowed: SI, mm\)"),
+    ],
+)  # fmt: skip
+def test_a_unit_that_does_not_fit_is_refused(entry: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_scene(SLIDER_CRANK, [entry])

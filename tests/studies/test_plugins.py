@@ -30,8 +30,8 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.dimensions import SI
 from pgmp_petsc.scene.reference_page import reference_page
-from pgmp_petsc.scene.units import SI
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import tables
 

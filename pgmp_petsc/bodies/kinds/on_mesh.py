@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body, Entries, frame_mesh
 from pgmp_petsc.bodies.face_frame import FaceFrame
@@ -94,10 +95,9 @@ class BodyOnMesh(Body):
         mesh = self.framed.solid.mesh
         return mesh.n_nodes, mesh.n_cells
 
-    @property
-    def described(self) -> str:
+    def described(self, system: UnitSystem) -> str:
         """See `Body`."""
-        return f"{len(self.points)} nodes, {self.framed.solid.described}"
+        return f"{len(self.points)} nodes, {self.framed.solid.described(system)}"
 
     @property
     def step_seconds(self) -> float:

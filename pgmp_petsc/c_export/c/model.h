@@ -7,7 +7,7 @@
    accelerations at time 0; pgmp_step takes one step of STEP seconds and returns validity; pgmp_observe evaluates the
    outputs. A step that fails is not taken: state and time stay as they were, and validity has PGMP_NOT_CONVERGED until
    one succeeds, as with other strengths. Whoever has an integrator of its own sets q and v and asks pgmp_accelerate for
-   a. SI units. */
+   a. Numbers are in the units of the scene. */
 
 #ifndef PGMP_MODEL_H
 #define PGMP_MODEL_H

@@ -10,6 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import PgmpError
 from pgmp_petsc.base.surroundings import alone
+from pgmp_petsc.base.unit_systems import UnitSystem
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
@@ -19,7 +20,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material, Rigid
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
-from pgmp_petsc.scene.unit_systems import DENSITIES, WAVE_SPEEDS, UnitSystem
+from pgmp_petsc.scene.unit_systems import DENSITIES, DENSITY, STRESS, WAVE_SPEEDS, exists, in_si
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49
@@ -78,29 +79,43 @@ def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | No
     return math.sqrt(max(float(modes.eigenvalues[0]), 0.0)) / (2.0 * math.pi) or None
 
 
-def material_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
-    """Yield materials that do not exist; without a `system` in which all do, each by its numbers in SI units."""
+def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
+    """Yield materials that do not exist, each by its numbers in the units of the scene."""
+    of_density, of_speed = system.unit("kg/m3"), system.unit("m/s")
+    lightest, heaviest = (limit / system.size(DENSITY) for limit in DENSITIES)
+    slowest, fastest = (limit / system.speed for limit in WAVE_SPEEDS)
     for name, material in scene.materials.items():
         entry = f"materials.{name}"
         yield from _poisson(scene, name, material)
-        if system is not None:
+        if exists(*in_si(scene, material, system)):
             continue
         density_entry, density = named(scene, f"{entry}.rho", material.rho)
         modulus_entry, modulus = named(scene, f"{entry}.E", material.E)
-        if not DENSITIES[0] <= density <= DENSITIES[1]:
+        if not lightest <= density <= heaviest:
+            steel = 7800.0 / system.size(DENSITY)
             yield doubt(
                 density_entry,
-                f"a density outside {DENSITIES[0]:g} to {DENSITIES[1]:,.0f} kg/m3, which solids have; steel has 7800",
+                f"a density outside {plain(lightest)} to {plain(heaviest)} {of_density}, which solids have; steel has "
+                f"{plain(steel)}",
                 density,
             )
         speed = math.sqrt(modulus / density)
-        if not WAVE_SPEEDS[0] <= speed <= WAVE_SPEEDS[1]:
+        if not slowest <= speed <= fastest:
+            steel = 210e9 / system.size(STRESS)
             yield doubt(
                 modulus_entry,
-                f"with rho = {density:g} kg/m3 waves run through {name} at sqrt(E / rho) = {speed:.3g} m/s, outside "
-                f"{WAVE_SPEEDS[0]:g} to {WAVE_SPEEDS[1]:,.0f} m/s; E is in Pa: steel has 210e9",
+                f"with rho = {density:g} {of_density} waves run through {name} at sqrt(E / rho) = {speed:.3g} "
+                f"{of_speed}, outside {plain(slowest)} to {plain(fastest)} {of_speed}; E is in {system.unit('Pa')}: "
+                f"steel has {plain(steel)}",
                 modulus,
             )
+
+
+def plain(value: float) -> str:
+    """Return a limit as people write it: ``25,000`` and ``210e9``, ``2.5e-08``."""
+    if 1.0 <= value < 1e6:
+        return f"{value:,.0f}" if value >= 1e4 else f"{value:.0f}"
+    return f"{value / 1e9:.0f}e9" if 1e9 <= value < 1e12 else f"{value:g}"
 
 
 def _poisson(scene: Scene, name: str, material: Material) -> Iterator[Finding]:
@@ -113,8 +128,9 @@ def _poisson(scene: Scene, name: str, material: Material) -> Iterator[Finding]:
         yield doubt(entry, "nearly incompressible; continuum elements are far too stiff then", material.nu)
 
 
-def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
     """Yield bodies with strange proportions."""
+    metre = system.unit("m")
     for name, size in sizes.items():
         body = scene.bodies[name]
         entry = f"bodies.{name}"
@@ -124,8 +140,8 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                 if thickness > size.length:
                     yield doubt(
                         thickness_entry,
-                        f"{name} is thicker than its length of {size.length:.3g} m; solid2d is for plates (plane "
-                        "stress)",
+                        f"{name} is thicker than its length of {size.length:.3g} {metre}; solid2d is for plates "
+                        "(plane stress)",
                         thickness,
                     )
             continue
@@ -133,7 +149,7 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             yield from _drawn_inertia(scene, f"{entry}.rigid.inertia", body.rigid)
             continue
         if body.flexible or body.section.sizes:  # coefficients of a rigid body say its mass only
-            yield from _slenderness(scene, name, size)
+            yield from _slenderness(scene, name, size, metre)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
             yield doubt(
                 f"{entry}.line.elements",
@@ -179,15 +195,15 @@ def _too_few(n_elements: int) -> str:
     return f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
 
 
-def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
+def _slenderness(scene: Scene, name: str, size: Size, metre: str) -> Iterator[Finding]:
     body = scene.bodies[name]
     entry, received = _thickness_entry(scene, body, f"bodies.{name}.section")
     if size.thickness > size.length:
-        words = f"{name} is {size.thickness:.3g} m thick and {size.length:.3g} m long"
+        words = f"{name} is {size.thickness:.3g} {metre} thick and {size.length:.3g} {metre} long"
         if body.flexible:
-            yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in m)", *received)
+            yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in {metre})", *received)
         else:
-            yield doubt(entry, f"{words} (sizes are in m)", *received)
+            yield doubt(entry, f"{words} (sizes are in {metre})", *received)
     elif size.length < SLENDERNESS * size.thickness and body.flexible:
         yield doubt(
             entry,
@@ -250,27 +266,30 @@ def _speed(scene: Scene, body: Body, mesh: Assembled) -> float:
     return mesh.wave_speed * math.sqrt(scene.number(given.stiffness_scale) / scene.number(given.mass_scale))
 
 
-def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Finding]:
+def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitSystem) -> Iterator[Finding]:
     """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
+    speeds = " to ".join(plain(limit / system.speed) for limit in WAVE_SPEEDS)
     for name, mesh in meshes.items():
         if given_properties(mesh) is None:
             continue
         body, entry = scene.bodies[name], f"bodies.{name}.matrices.units"
-        units = body.matrices.units.model_dump()
+        units = body.matrices.units.model_dump(exclude_none=True)
         speed, box = _speed(scene, body, mesh), float(np.prod(np.ptp(mesh.nodes, axis=0)))
         mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
-        if not WAVE_SPEEDS[0] <= speed <= WAVE_SPEEDS[1]:
+        if not WAVE_SPEEDS[0] <= speed * system.speed <= WAVE_SPEEDS[1]:
             yield doubt(
                 entry,
-                f"with these, waves run through {name} at {speed:.3g} m/s, outside {WAVE_SPEEDS[0]:g} to "
-                f"{WAVE_SPEEDS[1]:,.0f} m/s, which solids have; programs that take mm and N have mass in t",
+                f"with these, waves run through {name} at {speed:.3g} {system.unit('m/s')}, outside {speeds} "
+                f"{system.unit('m/s')}, which solids have; programs that take mm and N have mass in t",
                 units,
             )
-        if mesh.dimension == 3 and mass / box > DENSITIES[1]:
+        densest = DENSITIES[1] / system.size(DENSITY)
+        if mesh.dimension == 3 and mass / box > densest:
             yield doubt(
                 entry,
-                f"with these, {name} has {mass:.3g} kg in a box of {box:.3g} m3, more than solids have (up to "
-                f"{DENSITIES[1]:,.0f} kg/m3); programs that take mm and N have mass in t",
+                f"with these, {name} has {mass:.3g} {system.unit('kg')} in a box of {box:.3g} {system.unit('m3')}, "
+                f"more than solids have (up to {plain(densest)} {system.unit('kg/m3')}); programs that take mm and N "
+                "have mass in t",
                 units,
             )
 

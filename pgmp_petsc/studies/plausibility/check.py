@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from pgmp_petsc.base.errors import Remark, warning
+from pgmp_petsc.base.unit_systems import MM, SI, STANDARD_GRAVITY
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -25,7 +26,7 @@ from pgmp_petsc.scene.joints import ORIGIN
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import DEGREES, stressed_bodies
-from pgmp_petsc.scene.unit_systems import SI, STANDARD_GRAVITY, UnitSystem, unit_system
+from pgmp_petsc.scene.unit_systems import material_units, unit_system
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
     Size,
@@ -58,11 +59,11 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         chain(
             parameter_findings(scene),
             material_findings(scene, system),
-            system_findings(scene, system),
-            body_findings(scene, sizes),
-            matrix_findings(scene, meshes or {}),
-            load_findings(scene, sizes, system or SI, first),
-            motion_findings(scene, sizes, system or SI),
+            system_findings(scene),
+            body_findings(scene, sizes, system),
+            matrix_findings(scene, meshes or {}, system),
+            load_findings(scene, sizes, system, first),
+            motion_findings(scene, sizes, system),
             setting_findings(scene, sizes, first),
             unused_findings(scene),
         )
@@ -124,7 +125,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
                 "hardly a range; it is in rad, and a run ends where it leaves it",
                 list(coordinate.range),
             )
-        elif high - low > WHOLE_TURN and low % DEGREES == 0.0 == high % DEGREES:
+        elif _like_degrees(low, high):
             turns = f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
             yield doubt(f"coordinates.{name}.range", turns, list(coordinate.range))
     for name, body in scene.bodies.items():
@@ -144,6 +145,13 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
     yield from _without_effect(scene)
     if not scene.outputs:
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
+
+
+def _like_degrees(low: float, high: float) -> bool:
+    """Whether a range of an angle is one of degrees: both ends are multiples of 5, or of 1/2 and two turns apart."""
+    length = high - low
+    fives, halves = (low % part == 0.0 == high % part for part in (DEGREES, 0.5))
+    return fives and length > WHOLE_TURN or halves and length > 2.0 * WHOLE_TURN
 
 
 def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
@@ -300,10 +308,13 @@ def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Findi
         )
 
 
-def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding]:
-    """Yield what is wrong with a scene that is not in SI units: gravity that is not said, units of parameters."""
-    if system in (None, SI):
+def system_findings(scene: Scene) -> Iterator[Finding]:
+    """Yield what is wrong with a scene whose materials are in other units than SI, which it does not say: gravity that
+    is not said, units of parameters."""
+    system = material_units(scene)
+    if scene.scene.units or system in (None, SI):
         return
+    say = 'say scene.units = "mm"' if system == MM else ""
     name, material = next(iter(scene.materials.items()))
     shown = f"{name} has rho = {scene.number(material.rho):g} and E = {scene.number(material.E):g}"
     missing = [
@@ -314,19 +325,21 @@ def system_findings(scene: Scene, system: UnitSystem | None) -> Iterator[Finding
     for effect in missing if system.gravity != STANDARD_GRAVITY else ():
         yield refusal(
             f"effects.{effect}.acceleration",
-            f"missing, and 9.81 m/s2 does not fit: the materials are in {system} ({shown}); say acceleration = "
-            f"{system.gravity:g} ({system.names[0]}/{system.names[2]}2), or give materials and lengths in SI units",
+            f"missing, and {STANDARD_GRAVITY:g} m/s2 does not fit: the materials are in {system} ({shown}); "
+            f"{say and say + ', or '}say acceleration = {system.gravity:g} ({system.unit('m/s2')}), or give materials "
+            "and lengths in SI units",
         )
     yield doubt(
         "materials",
         f"they are in {system} ({shown}), and all numbers are computed with as they are: outputs are in these units, "
-        f"but messages that say m, kg, N or Pa mean {system}, {system.force} and {system.pressure}",
+        f"but files and messages that say m, kg, N or Pa mean {system}, {system.force} and {system.pressure}"
+        f"{say and '; ' + say}",
     )
     for name, parameter in scene.parameters.items():
         if parameter.unit not in ("", "-", "1", "rad"):
             yield doubt(
                 f"parameters.{name}.unit",
                 f"numbers with a unit are converted to SI, but the materials are in {system}; leave the unit out and "
-                "give the number in these",
+                f"give the number in these{say and ', or ' + say}",
                 parameter.unit,
             )

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pgmp_petsc.base.unit_systems import SI, UnitSystem
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
@@ -26,7 +27,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.references import impulse_of, parts_of
-from pgmp_petsc.scene.unit_systems import SI, UnitSystem
+from pgmp_petsc.scene.unit_systems import unit_system
 from pgmp_petsc.scene.uses import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 
@@ -45,6 +46,7 @@ def load_findings(
     had."""
     mass = sum(size.mass for size in sizes.values())
     length = max((size.length for size in sizes.values()), default=0.0)
+    kg = system.unit("kg")
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
@@ -61,7 +63,9 @@ def load_findings(
         if isinstance(effect, AddedMass) and whole:
             where, value = named(scene, f"{entry}.mass", effect.mass)
             if value > HEAVY * mass:
-                yield doubt(where, f"more than {HEAVY:,.0f} times the {mass:.3g} kg of all bodies (it is in kg)", value)
+                yield doubt(
+                    where, f"more than {HEAVY:,.0f} times the {mass:.3g} {kg} of all bodies (it is in {kg})", value
+                )
         if effect.stiff_by:
             yield from _spring(scene, entry, effect, mass, length, whole)
         yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
@@ -117,10 +121,10 @@ def _speed(
     inertia = mass * length / 3.0 if turns else mass
     speed = abs(scale) * impulse / inertia
     metres = speed * system.speed
-    unit, what = ("N m s", "torque") if turns else ("N s", "force")
+    unit, what = (system.unit("N m s"), "torque") if turns else (system.unit("N s"), "force")
     words = (
-        f"its impulse of {abs(scale) * impulse:.3g} {unit} would make the mechanism, {mass:.3g} kg and {length:.3g} m, "
-        f"as fast as {speed:.3g} m/s"
+        f"its impulse of {abs(scale) * impulse:.3g} {unit} would make the mechanism, {mass:.3g} {system.unit('kg')} "
+        f"and {length:.3g} {system.unit('m')}, as fast as {speed:.3g} {system.unit('m/s')}"
     )
     if metres > LIGHT:
         yield refusal(place, f"{words}, faster than light")
@@ -191,13 +195,13 @@ def stop_findings(
     """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
     driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
-    kinematics = None
+    kinematics, metre = None, unit_system(scene).unit("m")
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
         slid = slides(scene, effect)
         if (effect.joint, slid) in coordinates:
-            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
+            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, metre if slid else "rad"
             deepest = DEEPEST * (size if slid else 1.0)
         elif meshes is None or driven:
             continue
@@ -225,7 +229,7 @@ def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) ->
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
     place = joint_measure(kinematics.mechanism, effect)
     value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
-    return value, "m" if slides(scene, effect) else "rad"
+    return value, unit_system(scene).unit("m") if slides(scene, effect) else "rad"
 
 
 def _value(
@@ -270,12 +274,12 @@ N_LOOKED_AT = 2001  # instants of a run
 
 def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -> Iterator[Finding]:
     """Yield starts and motions that are too fast."""
-    length, clock = system.length * max((size.length for size in sizes.values()), default=0.0), system.time
+    length = max((size.length for size in sizes.values()), default=0.0)
     for name, state in scene.simulation.initial.items():
         entry = f"simulation.initial.{name}"
         where, velocity = named(scene, f"{entry}.velocity", state.velocity)
         slid = name in scene.coordinates and slides(scene, scene.coordinates[name])
-        yield from _fast(where, velocity / clock, system.length if slid else length, slid, velocity)
+        yield from _fast(where, velocity, None if slid else length, system, velocity)
         if abs(state.position) > MANY_TURNS and not slid:
             yield doubt(f"{entry}.position", "more than 1,000 turns; angles are in rad", state.position)
     for name, effect in scene.effects.items():
@@ -283,7 +287,7 @@ def motion_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem)
             key, speed, received = effect.fastest
             moved = scene.coordinates.get(effect.coordinate)
             slid = moved is not None and slides(scene, moved)
-            yield from _fast(f"effects.{name}.{key}", speed / clock, system.length if slid else length, slid, *received)
+            yield from _fast(f"effects.{name}.{key}", speed, None if slid else length, system, *received)
             yield from _out_of_range(scene, name, effect)
 
 
@@ -296,7 +300,7 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
     low, high = coordinate.range
     furthest = angles.min() if low - angles.min() > angles.max() - high else angles.max()
     if not low <= furthest <= high:
-        unit = "m" if slides(scene, coordinate) else "rad"
+        unit = unit_system(scene).unit("m") if slides(scene, coordinate) else "rad"
         yield doubt(
             f"effects.{name}",
             f"moves {effect.coordinate} to {furthest:.6g} {unit}, beyond coordinates.{effect.coordinate}.range = "
@@ -304,13 +308,16 @@ def _out_of_range(scene: Scene, name: str, effect: Driving) -> Iterator[Finding]
         )
 
 
-def _fast(entry: str, speed: float, length: float, slid: bool, *received: float) -> Iterator[Finding]:
-    """Yield a finding if a body of this length, turned at this speed (rad/s), is too fast at its tip; where it slides
-    its speed is in units of the length."""
-    tip, unit = abs(speed) * length, "m/s" if slid else "rad/s"
-    turned = f"{abs(speed):.3g} rad/s move the tip of a body of {length:.3g} m at {tip:.3g} m/s"
-    words = f"it slides at {tip:.3g} m/s" if slid else turned
-    if tip > LIGHT:
+def _fast(entry: str, speed: float, length: float | None, system: UnitSystem, *received: float) -> Iterator[Finding]:
+    """Yield a finding if a body of this length, turned at this speed, is too fast at its tip; without a length it
+    slides."""
+    metre, unit = system.unit("m"), system.unit("m/s")
+    tip = abs(speed) * (1.0 if length is None else length)
+    words = f"it slides at {tip:.3g} {unit}"
+    if length is not None:
+        rate = system.unit("rad/s")
+        words = f"{abs(speed):.3g} {rate} move the tip of a body of {length:.3g} {metre} at {tip:.3g} {unit}"
+    if tip * system.speed > LIGHT:
         yield refusal(entry, f"{words}, faster than light", *received)
-    elif tip > FAST:
-        yield doubt(entry, f"{words}; speeds are in {unit}", *received)
+    elif tip * system.speed > FAST:
+        yield doubt(entry, f"{words}; speeds are in {unit if length is None else system.unit('rad/s')}", *received)

@@ -1,0 +1,204 @@
+"""Dimensions of units, and numbers that are texts with their unit: ``"500 mm"``.
+
+All scenes hold is made of kilogram, metre and second; an angle counts as a number. pint knows the units that people use
+and how many of the SI unit each is. Factors that are whole numbers, or one over these, are exact: 5.6 mm are the 5.6e-3
+of SI units.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from functools import cache
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.base.unit_systems import Dimension, UnitSystem
+
+if TYPE_CHECKING:
+    import pint
+
+#: SI units of what scenes hold, which are taken without a library.
+SI: dict[str, Dimension] = {
+    "1": (0, 0, 0),
+    "rad": (0, 0, 0),
+    "kg": (1, 0, 0),
+    "m": (0, 1, 0),
+    "s": (0, 0, 1),
+    "m/s": (0, 1, -1),
+    "m/s2": (0, 1, -2),
+    "rad/s": (0, 0, -1),
+    "s/rad": (0, 0, 1),
+    "s/m": (0, -1, 1),
+    "1/s": (0, 0, -1),
+    "N": (1, 1, -2),
+    "N m": (1, 2, -2),
+    "N m2": (1, 3, -2),
+    "N/m": (1, 0, -2),
+    "N s/m": (1, 0, -1),
+    "N m/rad": (1, 2, -2),
+    "N m s": (1, 2, -1),
+    "N m s/rad": (1, 2, -1),
+    "Pa": (1, -1, -2),
+    "N/m2": (1, -1, -2),
+    "kg/m": (1, -1, 0),
+    "kg m": (1, 1, 0),
+    "kg m2": (1, 2, 0),
+    "kg/m3": (1, -3, 0),
+}
+ANGULAR = ("rad", "deg", "\N{DEGREE SIGN}", "rpm", "rev", "turn", "gon", "arcmin", "arcsec")  # in units with angles
+BASE = ("[mass]", "[length]", "[time]")
+LONGEST = 40  # characters of a unit
+ROUNDING = 1e-14  # by which a factor of pint may miss a whole number
+#: Units to propose for one that is not known.
+COMMON = (
+    *SI, "mm", "cm", "um", "in", "ft", "g", "t", "lb", "kN", "MN", "N mm", "kN m", "lbf", "kPa", "MPa", "GPa", "bar",
+    "psi", "g/cm3", "kg/dm3", "t/m3", "deg", "rpm", "percent", "N/mm", "N/mm2", "N s/mm", "mm/s2", "kN/m",
+)  # fmt: skip
+NEEDED = 'a unit such as "m", "mm", "GPa", "kg/m3" or "N m/rad" is needed, or none for those of the scene'
+HERTZ = "Hz"  # of frequencies, in turns a second where SI counts radians
+#: What quantities of a dimension are called.
+NAMES: dict[Dimension, str] = {
+    (0, 0, 0): "a number or an angle",
+    (1, 0, 0): "a mass",
+    (0, 1, 0): "a length",
+    (0, 0, 1): "a time",
+    (0, 2, 0): "an area",
+    (0, 3, 0): "a volume",
+    (0, 1, -1): "a speed",
+    (0, 1, -2): "an acceleration",
+    (0, 0, -1): "a frequency or an angular speed",
+    (1, 1, -2): "a force",
+    (1, 2, -2): "a torque or a rotary stiffness",
+    (1, 3, -2): "a bending stiffness",
+    (1, 2, -3): "a power",
+    (1, 0, -2): "a stiffness",
+    (1, 0, -1): "a damping coefficient",
+    (1, 2, -1): "a rotary damping coefficient",
+    (1, -1, -2): "a stress",
+    (1, -1, 0): "a mass by length",
+    (1, 1, 0): "a rotary inertia by length",
+    (1, 2, 0): "a moment of inertia",
+    (1, -3, 0): "a density",
+}
+#: A text that begins as a number does, which no name does: the number, and the unit behind it.
+QUANTITY = r"^\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)(.*)$"
+
+
+class UnknownUnit(ValueError):
+    """A text that is no unit; says what is allowed."""
+
+
+def measure(unit: str) -> tuple[float, Dimension]:
+    """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1.
+
+    Raises `UnknownUnit` if it is not one, or of something that scenes do not hold, such as a temperature.
+    """
+    known = plain_names().get(plain(unit))
+    if known is not None:
+        return 1.0, known
+    if len(unit) > LONGEST or not re.fullmatch(r"[\w \N{DEGREE SIGN}%*/^().\N{MIDDLE DOT}-]*", unit):
+        raise UnknownUnit(NEEDED)
+    text = unit.replace("\N{MIDDLE DOT}", "*").replace("^", "**").replace("\N{DEGREE SIGN}", "deg")
+    # newton metres as engineers write them, and exponents without a sign: kNm/rad, kg/m3
+    text = re.sub(r"\b([kM]?N)(mm|cm|m)(s?)\b", lambda found: " ".join(filter(None, found.groups())), text)
+    text = re.sub(r"([A-Za-z])([0-9])", r"\1**\2", text)
+    if re.search(r"\d{2}|[\d)]\s*\*\*", text):  # powers of powers, which would be worked out
+        raise UnknownUnit(NEEDED)
+    registry = _registry()
+    try:
+        quantity = registry.Quantity(1.0, registry.parse_units(text)).to_base_units()
+        dimension = dict(quantity.dimensionality)
+        factor = float(quantity.magnitude)
+    except Exception as error:  # of many kinds, also of Python's own parser
+        raise UnknownUnit(f"no such unit{_nearest(unit)}; {NEEDED}") from error
+    strange = [name for name in dimension if name not in BASE]
+    if strange or not (math.isfinite(factor) and factor > 0.0):
+        raise UnknownUnit(f"made from {', '.join(strange) or 'no'} units, which scenes have no use for; {NEEDED}")
+    return factor, tuple(dimension.get(name, 0) for name in BASE)
+
+
+def take_unit(unit: str) -> None:
+    """Take a unit that an effect declares, such as N/m3, among those of scenes.
+
+    Raises `UnknownUnit` if it is none of SI.
+    """
+    if unit not in SI:
+        factor, dimension = measure(unit)
+        if abs(factor - 1.0) > ROUNDING:
+            raise UnknownUnit(f"it is {factor:g} SI units")
+        SI[unit] = dimension
+        plain_names.cache_clear()
+
+
+def named(dimension: Dimension) -> str:
+    """Return what quantities of a dimension are called: ``a length``."""
+    powers = (f"{unit}^{power:g}" for unit, power in zip(("kg", "m", "s"), dimension) if power)
+    return NAMES.get(dimension) or f"a quantity in {' '.join(powers)}"
+
+
+def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | None:
+    """Return a number that is given with its unit, ``"500 mm"``, in the units of a system; None of a text that is none.
+
+    Raises `UnknownUnit` if it is none of the dimensions of some SI units, of which none allows all.
+    """
+    found = re.match(QUANTITY, text)
+    if found is None:
+        return None
+    value, unit = float(found[1]), found[2].strip()
+    if not unit:
+        raise UnknownUnit('a number in quotes has its unit behind it, such as "500 mm"; leave the quotes out otherwise')
+    factor, dimension = measure(unit)
+    wanted = {SI["1/s"] if one == HERTZ else SI[one]: one for one in units}
+    if wanted and dimension not in wanted:
+        kinds = " or ".join(f"{named(one)} ({system.unit(label)})" for one, label in wanted.items())
+        raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {kinds}")
+    if dimension == SI["1/s"]:
+        turns = any(one in plain(unit) for one in ANGULAR)
+        if turns and HERTZ in units:
+            factor /= 2.0 * math.pi
+        elif is_hertz(unit) and "rad/s" in units:
+            raise UnknownUnit(IN_TURNS)
+    return times(value, factor / system.size(dimension))
+
+
+IN_TURNS = "'Hz' counts turns, and an angular speed is needed: give it in rad/s, deg/s or rpm"
+
+
+def is_hertz(unit: str) -> bool:
+    """Whether a unit counts turns a second."""
+    return re.search(r"hertz|hz", unit, re.IGNORECASE) is not None
+
+
+def times(value: float, factor: float) -> float:
+    """Return a number times the factor, so that 5.6 mm are the 5.6e-3 of SI units."""
+    exact = Decimal(repr(float(value)))  # in decimals, in which the factors of most units are exact
+    inverse = round(1.0 / factor)
+    if inverse > 0 and abs(inverse * factor - 1.0) < ROUNDING:
+        return float(exact / inverse)
+    return float(exact * (round(factor) if abs(round(factor) / factor - 1.0) < ROUNDING else Decimal(factor)))
+
+
+def plain(unit: str) -> str:
+    """Return a unit without the signs of products and powers."""
+    return re.sub(r"[ *^\N{MIDDLE DOT}]", "", unit)
+
+
+@cache
+def plain_names() -> dict[str, Dimension]:
+    """Return the dimensions of SI units by their `plain` names."""
+    return {"": (0, 0, 0), "-": (0, 0, 0)} | {plain(name): dimension for name, dimension in SI.items()}
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    import pint  # most of a second, which a scene in SI units need not wait for
+
+    return pint.UnitRegistry()
+
+
+def _nearest(unit: str) -> str:
+    hint = nearest_name(unit, COMMON)
+    return hint if "did you mean" in hint else ""
