@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, Number, Pair, TwoNames, no_parameter, refusal
+from pgmp_petsc.scene.fields import Name, Number, Pair, TwoNames, Unit, no_parameter, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -67,7 +67,9 @@ class Rack(CouplingEntry):
     type: Literal["rack"]
     dimensions = (2, 3)
     joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
-    radius: Factor = Field(description="m for each rad; negative where it slides back as the first turns on")
+    radius: Annotated[Factor, Unit("m")] = Field(
+        description="m for each rad; negative where it slides back as the first turns on"
+    )
 
     def shares(self, motion):
         """Return ``s_2 - radius s_1``."""
@@ -81,7 +83,7 @@ class Screw(CouplingEntry):
     type: Literal["screw"]
     dimensions = (3,)
     joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
-    lead: Factor = Field(description="m for each turn; negative where the thread is left-handed")
+    lead: Annotated[Factor, Unit("m")] = Field(description="m for each turn; negative where the thread is left-handed")
 
     def shares(self, motion):
         """Return ``s_sliding - lead / (2 pi) s_turning``."""

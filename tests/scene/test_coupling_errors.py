@@ -40,6 +40,7 @@ effects.motor.joint="mesh" -> = "mesh": a | joint is needed, this one is a gear
 """,
     RACK: """
 joints.teeth.radius=0.0 -> = 0.0: a number other than 0 is needed
+joints.teeth.radius="5 kg" -> = "5 kg": 'kg' is the unit of a mass; needed is a length (m)
 joints.teeth.joints=["rail", "teeth"] -> = "teeth": a joint that has the motion sliding is needed; this one is rack
 """,
     SCREW: """
@@ -86,3 +87,8 @@ def test_the_command_ends_with_one_message(mpirun: Callable, tmp_path: Path, n_r
         assert len(messages) == 1
         check_said(messages[0].removeprefix("pgmp: error: "), said, asked)
         assert "Traceback" not in done.stderr
+
+
+def test_lengths_of_couplings_may_be_texts_with_units() -> None:
+    assert scene_from_toml(RACK, ".", ['joints.teeth.radius="50 mm"']).joints["teeth"].radius == 0.05
+    assert scene_from_toml(SCREW, ".", ['joints.thread.lead="5 cm"']).joints["thread"].lead == 0.05
