@@ -68,7 +68,7 @@ class Rack(CouplingEntry):
     dimensions = (2, 3)
     joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
     radius: Annotated[Factor, Unit("m")] = Field(
-        description="m for each rad; negative where it slides back as the first turns on"
+        description="way for each rad (m); negative where it slides back as the first turns on"
     )
 
     def shares(self, motion):
@@ -83,7 +83,9 @@ class Screw(CouplingEntry):
     type: Literal["screw"]
     dimensions = (3,)
     joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
-    lead: Annotated[Factor, Unit("m")] = Field(description="m for each turn; negative where the thread is left-handed")
+    lead: Annotated[Factor, Unit("m")] = Field(
+        description="way for each turn (m); negative where the thread is left-handed"
+    )
 
     def shares(self, motion):
         """Return ``s_sliding - lead / (2 pi) s_turning``."""
